@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from gearboxes import SHORT_SCENE
 from scipy.io import savemat
 
 from hums.analysis.record_analysis import analyze
@@ -81,19 +80,6 @@ def test_orders_of_several_degrees_of_freedom(run):
     assert rows["drive shaft-cage", "gear_mesh"] * 28 == pytest.approx(1820)  # table A, cage at 28
 
 
-def test_schema(run):
-    code, out, _ = run("schema", "gearbox")
-    assert code == 0
-    schema = json.loads(out)
-    assert schema["$schema"].startswith("https://json-schema.org/")
-    assert {"frame", "axes", "mesh"} <= schema["properties"].keys()
-
-
-def test_orders_with_a_speed(run):
-    _, out, _ = run("orders", "two-stage", "--reference", "output", "--json", "--speed", "output=100")
-    assert json.loads(out)[2]["order"] == pytest.approx(1.0)
-
-
 def test_convert_info_analyze(run, analysed):
     folder, told = analysed
     # steps are told to a terminal alone
@@ -136,15 +122,9 @@ def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
 @pytest.mark.parametrize(
     ("status", "words", "sentence"),
     [
-        (1, ("info", "nowhere.h5"), "nowhere.h5"),
-        (1, ("orders", "two-stag"), 'did you mean "two-stage"?'),
         (2, ("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
-        (2, ("orders", "two-stage", "--csv", "--json"), "keep one"),
         (2, ("orders", "two-stage", "--rpm", "0"), "non-zero"),
-        (2, ("schema", "scenery"), "gearbox"),
         (2, ("analyze", "x.h5", "--gearbox", "two-stage", "-o", "out", "--no-envelope", *BAND), "keep one"),
-        (2, ("ordrs",), "ordrs"),
-        (1, ("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
     ],
 )
 def test_mistakes_end_in_a_sentence(run, status, words, sentence):
@@ -168,13 +148,6 @@ def test_an_option_given_twice_is_refused(run, words, option):
     assert (code, option in err, "given 2 times" in err) == (2, True, True)
 
 
-def test_a_rate_of_zero(run, mat, tmp_path):
-    words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
-    code, _, err = run(*(0 if word == RATE_HZ else word for word in words))
-    assert code == 2
-    assert "rate_hz" in err
-
-
 def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, tmp_path):
     from data_synth import PlanError  # noqa: PLC0415
     from data_synth.dataset_folder import DatasetCost  # noqa: PLC0415
@@ -191,14 +164,6 @@ def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, t
     assert (code, "not started" in err) == (1, True)
     assert out.startswith("1000 records of ")
     assert ": 200 MB of samples and up to 12 MB of truth; about 20 minutes on one core" in out
-
-
-def test_synth_writes_a_record_with_truth(run, tmp_path):
-    scene = tmp_path / "scene.toml"
-    scene.write_text(SHORT_SCENE)
-    code, out, _ = run("synth", scene, "-o", tmp_path / "record.h5", "--seed", 3)
-    assert code == 0
-    assert "truth_amplitude" in out
 
 
 def test_warnings_reach_the_user_as_a_line(run, request):

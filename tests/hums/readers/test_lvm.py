@@ -105,12 +105,3 @@ def test_a_channel_that_is_shorter_and_one_in_a_later_segment(tmp_path):
     )
     fields = read_file(path).fields
     assert {name: values.size for name, values in fields.items()} == {"DE": COUNT, "tacho": 30, "oil": 1}
-
-
-@pytest.mark.parametrize("kept", [0.5, 0.9, 300])
-def test_a_file_cut_off(tmp_path, kept):
-    path = write(tmp_path / "a.lvm", segment())
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    with pytest.raises(RecordError, match=r"a\.lvm (is damaged|has no segment header|is not a LabVIEW)"):
-        read_file(path)

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import hums
-from hums.readers.process import ReaderProcess
 from hums.records.fields import RecordError, RecordWarning
 
 asammdf = pytest.importorskip("asammdf", reason='MDF files need asammdf: pip install ".[readers]"')
@@ -66,11 +65,3 @@ def test_samples_that_the_times_leave_out_are_nan(tmp_path):
     with pytest.warns(RecordWarning, match="skip 20 samples"):
         record = hums.convert(path, channels=["DE"], **NONE)
     assert_array_equal(record.DE, np.r_[NOISE[:500], np.full(20, np.nan), NOISE[500:]])
-
-
-@pytest.mark.parametrize("kept", [10, 100, 0.5])
-def test_a_file_cut_off(measured, kept):
-    whole = measured.read_bytes()
-    measured.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    with ReaderProcess() as reader, pytest.raises(RecordError, match=r"a\.mf4 is not an MDF file, or is damaged"):
-        reader.convert(measured, channels=["ND"], **NONE)  # in its own process: asammdf's destructor raises

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 import xarray as xr
-from attacks.damaged_files import CHANNELS, KINDS, SUFFIXES, attack_kind, write_valid
+from attacks.damaged_files import CHANNELS, DECLARED, KINDS, SUFFIXES, attack_kind, write_valid
 
 import hums
 from hums.readers import process
@@ -35,6 +35,16 @@ def valid_file(tmp_path, kind):
     path = tmp_path / f"a{SUFFIXES.get(kind, '.h5')}"
     write_valid(kind, path)
     return path, CHANNELS.get(kind, "vib")
+
+
+@pytest.mark.parametrize("kept", [10, 0.5, 0.9])
+@pytest.mark.parametrize("kind", ["wav", "mat v5", "mat v7.3", "tdms", "uff", "mf4", "lvm"])
+def test_a_file_cut_off_is_refused(tmp_path, kind, kept):
+    path, name = valid_file(tmp_path, kind)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+    with ReaderProcess() as reader, pytest.raises(hums.RecordError, match=r"is not a|is no|damaged"):
+        reader.convert(path, channels=[name], **DECLARED)
 
 
 def test_a_tree_is_the_same_there_and_here(tmp_path):

@@ -149,11 +149,8 @@ def test_a_channel_that_is_not_there(mat):
         ({"channels": ["sparse"]}, '"sparse" is a sparse matrix'),
         ({"channels": ["table"]}, '"table" is a table of 2000 x 3 values'),
         ({"channels": []}, "--channel"),
-        *(({"rate_hz": rate_hz}, f"rate_hz = {rate_hz!r}: input should be") for rate_hz in ("48000", 0, np.nan, True)),
-        *(({"scale": scale}, f"scale: {scale!r} is not a finite number") for scale in (0, np.inf, True, "2")),
         ({"shaft_rpm": 1500.0, "shaft": None}, "shaft_rpm needs the shaft"),
         ({"pulses_per_rev": 1}, "no meaning with shaft_rpm"),
-        ({"shaft_rpm": -3, "shaft": "input"}, "shaft_rpm = -3"),
     ],
 )
 def test_what_is_no_channel_rate_scale_or_speed(mat, changes, what):
@@ -206,13 +203,6 @@ def test_truth_values_are_numbers_in_either_version(classic, modern):
     rises_s = np.arange(100, 2000, 100) / RATE_HZ - 0.5 / RATE_HZ  # half-way between low and high
     for record in (first, second):
         assert_allclose(record["tachometer"], rises_s, rtol=1e-12)
-
-
-@pytest.mark.parametrize("kept", [1, 130, 0.5, -8])
-def test_a_mat_file_cut_off(mat, kept):
-    whole = mat.read_bytes()
-    mat.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    assert "damaged" in refusal(mat)
 
 
 # ---- what the user declares --------------------------------------------------------------------------------
@@ -296,13 +286,6 @@ def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
     extra = struct.pack("<4sI", b"bext", 8) + bytes(8)
     (tmp_path / "a.wav").write_bytes(sound[:36] + extra + sound[36:])
     assert_array_equal(read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)["channel 1"] * 2**15, range(100))
-
-
-@pytest.mark.parametrize("kept", [3, 40, 150])
-def test_a_wav_cut_off(tmp_path, kept):
-    wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
-    (tmp_path / "a.wav").write_bytes((tmp_path / "a.wav").read_bytes()[:kept])
-    assert "is not a complete WAV file" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
 
 
 # ---- CSV ---------------------------------------------------------------------------------------------------
@@ -435,15 +418,6 @@ def test_pulse_times_are_no_clock(tmp_path):
     assert record["tachometer"].size == 100
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
-def test_utf_16(tmp_path, encoding):
-    text = "time;Beschleunigung (µm)\r\n0;1,5\r\n1;-2\r\n2;1e3\r\n"
-    file = read_file(write(tmp_path, text, encoding))
-    assert list(file.fields) == ["time", "Beschleunigung"]
-    assert file.metadata("Beschleunigung (µm)").units == "µm"
-    assert_array_equal(file.fields["Beschleunigung"], [1.5, -2, 1000])
-
-
 @pytest.mark.parametrize("text", ["acc,b\n1,2\n3\n4,5\n", "acc;b\n1;2\n\n3\n4;5\n", '"acc","b"\n"1","2"\n"3"\n'])
 def test_short_rows_are_refused(tmp_path, text):
     line = text.replace('"', "").split("\n").index("3") + 1
@@ -457,7 +431,7 @@ def test_what_is_no_table(tmp_path, text):
     assert "a.csv is not a text table, or is damaged" in text or '"acc" is empty, not numbers' in text
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])
+@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16", "utf-16-be"])
 def test_a_header_states_units_in_any_encoding(tmp_path, encoding):
     path = write(tmp_path, "Gehäuse [m/s²],b\n1,2\n3,4\n", encoding)
     record = read(path, channels=["Gehäuse"], units=None)
@@ -591,11 +565,3 @@ def test_a_wind_turbine(real_data, tmp_path):
     save_record(record, tmp_path / "record.h5")
     with open_record(tmp_path / "record.h5") as opened:
         assert opened.load().identical(record)
-
-
-def test_a_struct_of_the_mfpt_set(real_data):
-    source = real_data / "mfpt" / "InnerRaceFault_vload_1.mat"
-    record = convert(source, channels=["bearing.gs"], rate_hz=48828, units="g", shaft_rpm=1500.0, shaft="shaft")
-    # The set's description: three seconds at 48828 Hz.
-    assert record.sizes["time"] == pytest.approx(3 * 48828, rel=1e-3)
-    assert "bearing.sr" in read_file(source).fields

@@ -172,13 +172,6 @@ def test_two_channels_of_one_dotted_name(tmp_path):
     assert "have the same name once slashes become dots" in refusal(path, channels=["Log.a.b"])
 
 
-@pytest.mark.parametrize("kept", [10, 0.5, -20])
-def test_a_tdms_file_cut_off(logged, kept):
-    whole = logged.read_bytes()
-    logged.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    assert "damaged" in refusal(logged, channels=["Log.Dev1.ai0"])
-
-
 # ---- UFF ---------------------------------------------------------------------------------------------------
 
 
@@ -251,18 +244,6 @@ def test_a_frequency_response_is_no_channel(tmp_path):
     path = uff(tmp_path / "a.uff")
     uff(path, func_type=4, rsp_node=7, data=NOISE + 1j * NOISE, abscissa_spec_data_type=18)
     assert '"7+Z" is a function of type 4, no time history' in refusal(path, channels=["7+Z"])
-
-
-@pytest.mark.parametrize("kept", [30, 0.6, -4])
-@pytest.mark.parametrize("binary", [0, 1])
-def test_a_universal_file_cut_off(tmp_path, kept, binary):
-    path = tmp_path / "a.uff"
-    for node in (1, 2):
-        uff(path, binary=binary, rsp_node=node)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    text = refusal(path, channels=["1+Z"])
-    assert "damaged" in text or "is not a universal file" in text
 
 
 # ---- HDF5 of other programs --------------------------------------------------------------------------------

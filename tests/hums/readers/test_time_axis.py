@@ -23,15 +23,6 @@ def csv(tmp_path, times, header):
     return path
 
 
-@pytest.mark.parametrize("name", ["log.h5", "log.mat"])
-def test_no_array_is_read_but_the_channel_and_its_times(tmp_path, name):
-    with h5py.File(tmp_path / name, "w") as file:
-        file["time (s)"] = np.arange(2000) / 8000
-        file["vib"] = np.ones(2000)
-        file.create_dataset("huge", shape=(10**12,), dtype="f8", chunks=(1024,))  # refused where it is read
-    assert sampling(convert(tmp_path / name, channels=["vib"], **DECLARED), "vib").rate_hz == 8000
-
-
 def at_gap(jump_s, count=3000):
     return np.arange(count) / 1000 + jump_s * (np.arange(count) >= count // 2)
 

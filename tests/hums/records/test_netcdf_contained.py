@@ -102,9 +102,3 @@ def test_a_foreign_time_of_recording_is_refused_when_opened(tmp_path, record):
         hums.save_record(record.assign_attrs(recorded_at="yesterday"), tmp_path / "record.h5")
     with pytest.raises(RecordError, match="recorded_at=5: text"):
         hums.save_record(record.assign_attrs(recorded_at=5), tmp_path / "record.h5")
-
-
-@pytest.mark.parametrize(("path", "sentence"), [(5, "a word or a path"), (None, "a word or a path"), ("a\0b", "NUL")])
-def test_what_is_no_path_is_refused(path, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        hums.open_record(path)
