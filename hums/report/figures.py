@@ -23,7 +23,6 @@ _COLUMNS, _FEWEST_COLUMNS = 6000, 700  # of the spectra of all channels together
 _FULL_CHANNELS = 3  # whose maps, tracks and waveforms are drawn in full; more share the same space
 _LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
 _SAMPLES_PER_TOOTH = 20
-_Drawn = Iterator[tuple[str, str]]  # channels, empty for all, and their figures as HTML
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +32,17 @@ class Section:
     title: str
     name: str
     figures: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Drawn:
+    """One figure of a section: its channel (empty for all), text alternative, data, caption, and title if not that."""
+
+    channel: str
+    alt: str
+    data: Mapping[str, Any]
+    caption: str
+    title: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,19 +65,32 @@ class Pictures:
 def sections(pictures: Pictures) -> list[Section]:
     """Return the sections that have figures."""
     made = (
-        ("Order spectra", "orders", _spectra(pictures, ORDER_SPECTRUM)),
-        ("Wideband spectra", "wideband", _wideband(pictures)),
-        ("Envelope spectra", "envelopes", _spectra(pictures, ENVELOPE)),
-        ("Order maps", "maps", _maps(pictures)),
-        ("Tracked envelope lines", "parts", _tracks(pictures, "envelope_tracks")),
-        ("Tracked orders", "tracks", _tracks(pictures, "tracks")),
-        ("Synchronous averages", "averages", _averages(pictures)),
-        ("Kurtograms", "kurtograms", _kurtograms(pictures)),
-        ("Waveforms", "waveforms", _waveforms(pictures)),
-        ("Speed", "speed", _speed(pictures)),
+        ("Order spectra", "orders", "spectrum", 460, _spectra(pictures, ORDER_SPECTRUM)),
+        ("Wideband spectra", "wideband", "wideband", 360, _wideband(pictures)),
+        ("Envelope spectra", "envelopes", "spectrum", 460, _spectra(pictures, ENVELOPE)),
+        ("Order maps", "maps", "map", 480, _maps(pictures)),
+        ("Tracked envelope lines", "parts", "tracks", 560, _tracks(pictures, "envelope_tracks")),
+        ("Tracked orders", "tracks", "tracks", 560, _tracks(pictures, "tracks")),
+        ("Synchronous averages", "averages", "average", 400, _averages(pictures)),
+        ("Kurtograms", "kurtograms", "kurtogram", 360, _kurtograms(pictures)),
+        ("Waveforms", "waveforms", "waveform", 460, _waveforms(pictures)),
+        ("Speed", "speed", "speed", 280, _speed(pictures)),
     )
-    found = [Section(title=title, name=name, figures=tuple(figures)) for title, name, figures in made]
-    return [section for section in found if section.figures]
+    found = []
+    for title, name, view, height_px, drawn in made:
+        figures = []
+        for number, one in enumerate(drawn):
+            figure = Figure(
+                name=f"{name}-{number}",
+                alt=one.alt,
+                view=view,
+                title=one.title or one.channel,
+                height_px=height_px,
+                data=one.data,
+            )
+            figures.append((one.channel, figure_html(figure, caption=one.caption)))
+        found += [Section(title=title, name=name, figures=tuple(figures))] if figures else []
+    return found
 
 
 def cursor_choices(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -89,11 +112,11 @@ def cursor_choices(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
 # ---- Spectra ---------------------------------------------------------------------------------------------------------
 
 
-def _spectra(pictures: Pictures, name: str) -> _Drawn:
+def _spectra(pictures: Pictures, name: str) -> Iterator[_Drawn]:
     dataset = group(pictures.analysis, name)
     bands = {band["channel"]: band for band in envelope_bands(pictures.analysis)}
     what = "Order spectrum" if name == ORDER_SPECTRUM else "Envelope spectrum"
-    for number, channel in enumerate(_channels(dataset)):
+    for channel in _channels(dataset):
         one = dataset.sel(channel=channel)
         lines = _lines(dataset, channel, pictures.styles)
         claimed = [line for line in lines if line["claimed"]]
@@ -101,42 +124,30 @@ def _spectra(pictures: Pictures, name: str) -> _Drawn:
         traces = {"now": _curve(one, dataset.sizes["channel"])}
         if (past := _past_spectrum(pictures, name, channel, str(one["units"].item()))) is not None:
             traces["past"] = _curve(past, dataset.sizes["channel"])
-        figure = Figure(
-            name=f"{name.replace('_', '-')}-{number}",
-            alt=f"{what} of channel {channel}; identified lines: {len(claimed)}, the first of them {named}.",
-            view="spectrum",
-            title=channel,
-            height_px=460,
-            data=traces
-            | {
-                "lines": lines,
-                "units": str(one["units"].item()),
-                "log": name == ORDER_SPECTRUM,
-                "pastName": pictures.past_name,
-            },
-        )
+        shown = {"lines": lines, "units": str(one["units"].item()), "log": name == ORDER_SPECTRUM}
         width = float(dataset.attrs["resolution_orders"])
         resolution = f"{dataset.attrs['window'].capitalize()} window, resolution {_orders(pictures, width)}."
         band = _band_caption(bands[channel]) if name == ENVELOPE and channel in bands else ""
-        yield channel, figure_html(figure, caption=f"{band}{resolution}")
+        yield _Drawn(
+            channel=channel,
+            alt=f"{what} of channel {channel}; identified lines: {len(claimed)}, the first of them {named}.",
+            data=traces | shown | {"pastName": pictures.past_name},
+            caption=f"{band}{resolution}",
+        )
 
 
-def _wideband(pictures: Pictures) -> _Drawn:
-    for number, (channel, dataset) in enumerate(pictures_of(pictures.analysis, WIDEBAND)):
+def _wideband(pictures: Pictures) -> Iterator[_Drawn]:
+    for channel, dataset in pictures_of(pictures.analysis, WIDEBAND):
         amplitude, step_hz = dataset["amplitude"].to_numpy(), float(dataset.attrs["bin_width_hz"])
         largest = int(amplitude.argmax())
-        figure = Figure(
-            name=f"wideband-{number}",
+        resolution_hz, blocks = float(dataset.attrs["resolution_hz"]), int(dataset.attrs["blocks"])
+        yield _Drawn(
+            channel=channel,
             alt=f"Spectrum of channel {channel} up to half its sampling rate; the largest line is at "
             f"{largest * step_hz:.6g} Hz.",
-            view="wideband",
-            title=channel,
-            height_px=360,
             data={"level": _levels(amplitude), "step": step_hz, "units": _units(pictures, channel)},
+            caption=f"Hann window, resolution {resolution_hz:.3g} Hz, power average of {blocks} blocks.",
         )
-        resolution_hz, blocks = float(dataset.attrs["resolution_hz"]), int(dataset.attrs["blocks"])
-        said = f"Hann window, resolution {resolution_hz:.3g} Hz, power average of {blocks} blocks."
-        yield channel, figure_html(figure, caption=said)
 
 
 def _curve(one: xr.Dataset, channels: int) -> dict[str, Any]:
@@ -220,9 +231,9 @@ def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> s
 # ---- Maps, tracks, averages, kurtograms, waveforms and speed ---------------------------------------------------------
 
 
-def _maps(pictures: Pictures) -> _Drawn:
+def _maps(pictures: Pictures) -> Iterator[_Drawn]:
     found = list(pictures_of(pictures.analysis, ORDER_MAP))
-    for number, (channel, dataset) in enumerate(found):
+    for channel, dataset in found:
         amplitude, order = dataset["amplitude"].to_numpy(), dataset["order"].to_numpy()
         every = -(-len(found) // _FULL_CHANNELS)  # neighbouring orders are joined where there are many channels
         if every > 1:
@@ -231,12 +242,9 @@ def _maps(pictures: Pictures) -> _Drawn:
             order = order[: cells * every].reshape(cells, every).mean(axis=1)
         level = 20 * np.log10(np.maximum(amplitude, np.finfo(float).tiny))
         level = np.maximum(level, level.max() - _LEVEL_FLOOR_DB)
-        figure = Figure(
-            name=f"map-{number}",
+        yield _Drawn(
+            channel=channel,
             alt=f"Colour map of the level of channel {channel} against order and time or speed.",
-            view="map",
-            title=channel,
-            height_px=480,
             data={
                 "order": packed(order),
                 "time": packed(dataset["time_s"]),
@@ -244,12 +252,11 @@ def _maps(pictures: Pictures) -> _Drawn:
                 "level": packed_codes(level),
                 "units": _units(pictures, channel),
             },
+            caption=f"Each row is the spectrum of {int(dataset.attrs['turns'])} revolutions.",
         )
-        turns = int(dataset.attrs["turns"])
-        yield channel, figure_html(figure, caption=f"Each row is the spectrum of {turns} revolutions.")
 
 
-def _tracks(pictures: Pictures, name: str) -> _Drawn:
+def _tracks(pictures: Pictures, name: str) -> Iterator[_Drawn]:
     """Yield a figure per channel of its tracked orders, or of the envelope lines of components with a finding."""
     if name not in pictures.analysis.children:
         return
@@ -266,7 +273,7 @@ def _tracks(pictures: Pictures, name: str) -> _Drawn:
     shown_first = (labels[at] for row in zip_longest(*own.values()) for at in row if at is not None)
     colours = {label: place for place, label in enumerate(dict.fromkeys(shown_first))}
     outputs = slice(None, None, -(-len(channels) // _FULL_CHANNELS))
-    for number, channel in enumerate(channels):
+    for channel in channels:
         mine = tracks.isel(track=own[channel], output=outputs)
         amplitude, half_width = mine["complex_amplitude"].to_numpy(), mine["half_width"].to_numpy()
         rows = [
@@ -286,16 +293,13 @@ def _tracks(pictures: Pictures, name: str) -> _Drawn:
             "units": str(mine["track_units"].to_numpy()[0]),
         }
         what = "envelope lines" if of_parts else "orders"
-        figure = Figure(
-            name=f"{'parts' if of_parts else 'tracks'}-{number}",
-            alt=f"Amplitude and phase of {len(rows)} {what} of {channel} against time or speed, or a Nyquist plot.",
-            view="tracks",
-            title=channel,
-            height_px=560,
-            data=data,
-        )
         said = _parts_caption(mine) if of_parts else _tracks_caption(mine)
-        yield channel, figure_html(figure, caption=with_hz(said, pictures.speed_hz))
+        yield _Drawn(
+            channel=channel,
+            alt=f"Amplitude and phase of {len(rows)} {what} of {channel} against time or speed, or a Nyquist plot.",
+            data=data,
+            caption=with_hz(said, pictures.speed_hz),
+        )
 
 
 def _tracks_caption(tracks: xr.Dataset) -> str:
@@ -326,7 +330,7 @@ def _track_line(tracks: xr.Dataset, at: int) -> dict[str, Any]:
     return {name: tracks[name].to_numpy()[at].item() for name in ("component", "kind", "harmonic", "sideband")}
 
 
-def _averages(pictures: Pictures) -> _Drawn:
+def _averages(pictures: Pictures) -> Iterator[_Drawn]:
     """Yield a figure per channel and gear, faulty gears first, with enough samples per tooth."""
     for channel, dataset in pictures_of(pictures.analysis, AVERAGES):
         names, ends = dataset["component"].to_numpy().tolist(), np.cumsum(dataset["size"].to_numpy())
@@ -340,31 +344,27 @@ def _averages(pictures: Pictures) -> _Drawn:
                 )
                 for name in ("average", "difference")
             }
-            figure = Figure(
-                name=f"average-{channel}-{at}",
+            yield _Drawn(
+                channel=channel,
                 alt=f"Synchronous average and difference signal of {names[at]} in channel {channel}, over one "
                 f"revolution of {teeth} teeth.",
-                view="average",
-                title=names[at],
-                height_px=400,
                 data=curves | {"teeth": teeth, "units": _units(pictures, channel)},
+                caption=f"{channel}, {int(dataset['revolutions'][at])} revolutions.",
+                title=names[at],
             )
-            yield channel, figure_html(figure, caption=f"{channel}, {int(dataset['revolutions'][at])} revolutions.")
 
 
-def _kurtograms(pictures: Pictures) -> _Drawn:
+def _kurtograms(pictures: Pictures) -> Iterator[_Drawn]:
     bands = {band["channel"]: band for band in envelope_bands(pictures.analysis)}
-    for number, (channel, dataset) in enumerate(pictures_of(pictures.analysis, KURTOGRAM)):
+    for channel, dataset in pictures_of(pictures.analysis, KURTOGRAM):
         level, kurtosis = dataset["level"].to_numpy(), dataset["kurtosis"].to_numpy()
         levels = np.unique(level)
         cells = 3 * 2 ** int(levels[-1])
         band, best = bands.get(channel), int(np.nanargmax(kurtosis))
-        figure = Figure(
-            name=f"kurtogram-{number}",
+        yield _Drawn(
+            channel=channel,
             alt=f"Kurtosis of every band of channel {channel}; the highest, {kurtosis[best]:.2g}, from "
             f"{float(dataset['low_hz'][best]):.6g} to {float(dataset['high_hz'][best]):.6g} Hz.",
-            view="kurtogram",
-            title=channel,
             data={
                 "kurtosis": packed_codes(
                     [np.repeat(row := kurtosis[level == one], cells // row.size) for one in levels]
@@ -373,25 +373,23 @@ def _kurtograms(pictures: Pictures) -> _Drawn:
                 "half": float(dataset["high_hz"].max()),
                 "band": band and [band["low_hz"], band["high_hz"]],
             },
+            caption=_kurtogram_caption(dataset, band),
         )
-        yield channel, figure_html(figure, caption=_kurtogram_caption(dataset, band))
 
 
-def _waveforms(pictures: Pictures) -> _Drawn:
+def _waveforms(pictures: Pictures) -> Iterator[_Drawn]:
     found = list(pictures_of(pictures.analysis, WAVEFORM))
     every = -(-len(found) // _FULL_CHANNELS)
-    for number, (channel, dataset) in enumerate(found):
+    for channel, dataset in found:
         starts, times = np.arange(0, dataset.sizes["column"], every), dataset["time_s"].to_numpy()
         least = np.minimum.reduceat(dataset["least"].to_numpy(), starts)
         largest = np.maximum.reduceat(dataset["largest"].to_numpy(), starts)
         excerpt = dataset["excerpt"].to_numpy()[: dataset.sizes["sample"] // every]
         rate_hz = next(one["rate_hz"] for one in pictures.facts["channels"] if one["name"] == channel)
-        figure = Figure(
-            name=f"waveform-{number}",
+        width_ms = 1e3 * every * float(dataset.attrs["column_s"])
+        yield _Drawn(
+            channel=channel,
             alt=f"Waveform of channel {channel}: the whole record, and an excerpt around the largest deviation.",
-            view="waveform",
-            height_px=460,
-            title=channel,
             data={
                 "both": packed_codes(np.stack([least, largest], axis=1).ravel(), digits="u2"),
                 "first": float(times[0]),
@@ -401,29 +399,25 @@ def _waveforms(pictures: Pictures) -> _Drawn:
                 "excerptStep": 1 / rate_hz,
                 "units": _units(pictures, channel),
             },
+            caption=f"Top: minimum and maximum per {width_ms:.3g} ms. Bottom: excerpt around the largest deviation.",
         )
-        width_ms = 1e3 * every * float(dataset.attrs["column_s"])
-        said = f"Top: minimum and maximum in every {width_ms:.3g} ms. Bottom: excerpt around the largest deviation."
-        yield channel, figure_html(figure, caption=said)
 
 
-def _speed(pictures: Pictures) -> _Drawn:
+def _speed(pictures: Pictures) -> Iterator[_Drawn]:
     dataset = group(pictures.analysis, "speed")
     if not dataset["speed_hz"].size:
         return
     speed, indices = least_and_largest(dataset["speed_hz"].to_numpy(), columns=2000)
-    figure = Figure(
-        name="speed-0",
+    yield _Drawn(
+        channel="",
         alt=f"Speed of {dataset.attrs['shaft']} against time, {speed.min():.4g} to {speed.max():.4g} rev/s.",
-        view="speed",
-        height_px=280,
         data={
             "time": packed(dataset["time_s"].to_numpy()[indices]),
             "speed": packed(speed),
             "shaft": str(dataset.attrs["shaft"]),
         },
+        caption="Mean over each revolution.",
     )
-    yield "", figure_html(figure, caption="Mean over each revolution.")
 
 
 def _units(pictures: Pictures, channel: str) -> str:

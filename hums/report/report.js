@@ -130,7 +130,7 @@ const report = (() => {
     const claimed = data.lines.filter((line) => line.claimed);
     group("identified lines", "--ink", claimed.filter((line) => !line.style));
     for (const style of ["unknown", "watch", "alarm"]) {
-      group({alarm: "of diagnosed components", watch: "of indicated components", unknown: "of components not judged"}[style],
+      group({alarm: "diagnosed components", watch: "indicated components", unknown: "components not judged"}[style],
             `--${style}`, claimed.filter((line) => line.style === style));
     }
     const sorted = Float32Array.from(scaled(now.y, shown.factor)).sort(), top = sorted[sorted.length - 1];

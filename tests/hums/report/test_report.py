@@ -134,10 +134,10 @@ DRAWN = (
 LABELS = """return [...document.querySelectorAll('#figure-' + arguments[0] + ' .annotation-text')]
     .map((text) => text.getBoundingClientRect()).map((box) => [box.left, box.right]).sort((a, b) => a[0] - b[0])"""
 UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
-AXIS = "return document.querySelector('#figure-order-spectrum-0 .canvas')._fullLayout.xaxis.range[1]"
+AXIS = "return document.querySelector('#figure-orders-0 .canvas')._fullLayout.xaxis.range[1]"
 CHOOSE = """const tool = document.getElementById('tool-' + arguments[0]); tool.value = arguments[1];
     tool.dispatchEvent(new Event('change', {bubbles: true}));"""
-CURSORS = """return document.querySelector('#figure-order-spectrum-0 .canvas').layout.shapes
+CURSORS = """return document.querySelector('#figure-orders-0 .canvas').layout.shapes
     .filter((shape) => shape.name === 'cursor').map((shape) => shape.x0)"""
 
 
@@ -215,7 +215,7 @@ def test_report_on_a_narrow_dark_screen_and_from_there_on_paper(browser, page):
 def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
     drawn_whole(browser, page, width=1280, dark=False)
     assert browser.execute_script("return getComputedStyle(document.querySelector('.mechanism')).filter") == "none"
-    for name in ("order-spectrum-0", "envelope-0"):  # labels stand beside one another
+    for name in ("orders-0", "envelopes-0"):  # labels stand beside one another
         boxes = browser.execute_script(LABELS, name)
         assert boxes
         assert all(right <= left for (_, right), (left, _) in pairwise(boxes))
@@ -357,9 +357,7 @@ def test_amplitudes_by_choice_intervals_of_tracks_and_peaks_of_maps(browser, sev
     show(browser, several, width=1400)
     browser.execute_script(UNFOLD)
     draw_all(browser)
-    peak = {
-        name: browser.execute_script(PLOTTED, name) for name in ("order-spectrum-0", "wideband-0", "tracks-0", "map-0")
-    }
+    peak = {name: browser.execute_script(PLOTTED, name) for name in ("orders-0", "wideband-0", "tracks-0", "maps-0")}
     tracks = group(run_up, "tracks")
     (mesh,) = np.flatnonzero((tracks["track_channel"] == "a0") & (tracks["track_order"] == 23))
     rising = np.argsort(tracks["speed_hz"].to_numpy())
@@ -373,12 +371,14 @@ def test_amplitudes_by_choice_intervals_of_tracks_and_peaks_of_maps(browser, sev
         band["y"][: len(line["y"])], shown + half[::every][rising[rising % every == 0] // every], rtol=1e-3
     )
     browser.execute_script(CHOOSE, "against", "time")
-    lines = browser.execute_script(PLOTTED, "map-0")[0]["z"]
+    lines = browser.execute_script(PLOTTED, "maps-0")[0]["z"]
     browser.execute_script(CHOOSE, "units", "Hz")
-    np.testing.assert_allclose(browser.execute_script(PLOTTED, "map-0")[0]["z"], lines)  # no row loses its largest line
+    np.testing.assert_allclose(
+        browser.execute_script(PLOTTED, "maps-0")[0]["z"], lines
+    )  # no row loses its largest line
     for name, factor in (("RMS", 0.5**0.5), ("peak-to-peak", 2)):
         browser.execute_script(CHOOSE, "measure", name)
-        for figure in ("order-spectrum-0", "wideband-0"):
+        for figure in ("orders-0", "wideband-0"):
             drawn = browser.execute_script(PLOTTED, figure)[0]["y"]
             np.testing.assert_allclose(drawn, factor * np.array(peak[figure][0]["y"]), rtol=1e-5)
 
@@ -388,7 +388,7 @@ def test_teeth_are_numbered_and_finely_sampled_and_lines_keep_their_colours(brow
     browser.execute_script(UNFOLD)
     draw_all(browser)
     for at, teeth in enumerate((23, 67, 19, 61, 21, 64)):
-        name = f"average-a0-{at}"
+        name = f"averages-{at}"
         drawn = browser.execute_script(PLOTTED, name)[0]
         assert len(drawn["y"]) >= 20 * teeth
         assert drawn["x0"] == 0.5
