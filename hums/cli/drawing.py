@@ -1,6 +1,6 @@
 """Command `hums drawing`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,7 +10,7 @@ import typer
 from hums.cli.options import FigureFormat, Force, LinkSpeeds, UsageError, echo, parse_speeds, save_picture, say
 
 if TYPE_CHECKING:
-    from hums.gearbox.kinematics import Kinematics
+    from hums.gearbox.kinematics import Kinematics, Speeds
 
 _SIZES = {"mechanism": (9.0, 6.0), "velocities": (7.0, 5.0), "orders": (10.0, 7.0), "graph": (7.0, 6.0)}  # inches
 _FIGURES = (".svg", ".png", ".pdf")
@@ -41,8 +41,7 @@ def drawing(
     if out is not None and out.suffix:
         check_outputs([out], inputs=[gearbox], force=force)
     kinematics = solve_kinematics(load_gearbox(gearbox))
-    exact = parse_speeds(speed, kinematics) if speed else None
-    given = {link: float(rpm) for link, rpm in exact.items()} if exact else None
+    given = parse_speeds(speed, kinematics) if speed else None
     if out is not None and out.suffix.lower() == ".html":
         say("drawing the animated page")
         echo(f"wrote {write_drawing(kinematics, out, speeds_rpm=given, force=force)}")
@@ -51,6 +50,8 @@ def drawing(
         picture, out = "graph", out or Path(f"{Path(gearbox).stem}-graph.{kind}")
     if out is None:
         raise UsageError("--out is missing; name a folder, a figure such as m.svg, or an animated page such as m.html.")
+    if out.suffix and out.suffix.lower() not in _FIGURES and not out.is_dir():
+        raise UsageError(f"{out}: a figure ends in .svg, .png or .pdf, a page in .html; a folder has no suffix.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
         save_picture(pictures[picture], out, _SIZES[picture], force=force)
@@ -61,20 +62,19 @@ def drawing(
         save_picture(draws, out / f"{name}.{kind}", _SIZES[name], force=force)
 
 
-def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> dict[str, float]:
+def _drawn_speeds(kinematics: "Kinematics", given: "Speeds | None") -> "Speeds":
     """Return the given speeds, or those an animated page starts with, printed if there was a choice."""
     from hums.drawing import START_RPM, free_links  # noqa: PLC0415
 
     if given:
         return given
     first, *others = free_links(kinematics)
-    chosen = {first: float(START_RPM)} | dict.fromkeys(others, 0.0)
     if others:
-        echo(f"speeds: {', '.join(f'{link} {rpm:g} rpm' for link, rpm in chosen.items())}", err=True)
-    return chosen
+        echo(f"speeds: {', '.join([f'{first} {START_RPM} rpm', *(f'{link} 0 rpm' for link in others)])}", err=True)
+    return {first: START_RPM} | dict.fromkeys(others, 0)
 
 
-def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[str, list[Callable[..., object]]]:
+def _pictures_of(kinematics: "Kinematics", speeds: "Speeds") -> dict[str, list[Callable[..., object]]]:
     from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.layout import layout_of  # noqa: PLC0415
     from hums.plots import draw_mechanism, mechanism_graph, speed_order_chart, velocity_diagram  # noqa: PLC0415

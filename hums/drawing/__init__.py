@@ -27,7 +27,7 @@ def write_drawing(
     gearbox: Gearbox | Kinematics,
     path: str | Path,
     *,
-    speeds_rpm: Mapping[str, float] | None = None,
+    speeds_rpm: Mapping[str, float | Fraction] | None = None,
     force: bool = False,
 ) -> Path:
     """Write a self-contained page that animates a mechanism at speeds set by sliders.
@@ -100,7 +100,7 @@ def free_links(kinematics: Kinematics) -> tuple[str, ...]:
     return tuple(chosen)
 
 
-def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> str:
+def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float | Fraction] | None) -> str:
     folder = files("hums.drawing")
     environment = page_environment()
     template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
@@ -116,7 +116,7 @@ def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> str
     return text
 
 
-def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dict[str, Any]:
+def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float | Fraction] | None) -> dict[str, Any]:
     """Return the data of the page: inputs, rates as linear forms in them, and the drawing."""
     gearbox = kinematics.gearbox
     if gearbox.reference is None:
@@ -124,7 +124,8 @@ def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dic
             f'gearbox "{gearbox.name}" declares no reference shaft for its orders; add reference = "LINK".'
         )
     links = free_links(kinematics)
-    start = dict.fromkeys(links, 0.0) | {links[0]: float(START_RPM)} if speeds_rpm is None else dict(speeds_rpm)
+    given = dict.fromkeys(links, 0) | {links[0]: START_RPM} if speeds_rpm is None else speeds_rpm
+    start = {link: float(rpm) for link, rpm in given.items()}
     if len(start) != kinematics.dof:
         raise ValueError(
             f'gearbox "{gearbox.name}" needs speeds of {kinematics.dof} links, but {len(start)} are given '

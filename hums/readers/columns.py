@@ -65,7 +65,8 @@ def parsing(path: Path, kind: str, package: str = "") -> Iterator[None]:
             'pip install "hums-toolkit[readers]".'
         ) from error
     except Exception as error:
-        raise RecordError(f"{path} is not {kind}, or is damaged ({error}). Copy or export it again.") from error
+        why = " ".join(str(error).split())
+        raise RecordError(f"{path} is not {kind}, or is damaged ({why}). Copy or export it again.") from error
 
 
 def dotted(where: str) -> str:

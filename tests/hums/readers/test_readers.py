@@ -429,6 +429,7 @@ def test_short_rows_are_refused(tmp_path, text):
 def test_what_is_no_table(tmp_path, text):
     text = refusal(write(tmp_path, text), channels=["acc"])
     assert "a.csv is not a text table, or is damaged" in text or '"acc" is empty, not numbers' in text
+    assert "\n" not in text
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16", "utf-16-be"])
