@@ -73,8 +73,7 @@ def write_drawing(
         raise ValueError(f'"{path}" has the suffix "{path.suffix}"; use .html.')
     check_outputs([path], force=force)
     kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
-    text = _page(kinematics, speeds_rpm)
-    write_text(path, text)
+    write_text(path, _page(kinematics, speeds_rpm))
     return path
 
 
@@ -102,8 +101,7 @@ def free_links(kinematics: Kinematics) -> tuple[str, ...]:
 
 def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float | Fraction] | None) -> str:
     folder = files("hums.drawing")
-    environment = page_environment()
-    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
+    template = page_environment().from_string((folder / "page.html").read_text(encoding="utf-8"))
     data = _data(kinematics, speeds_rpm)
     script = (folder / "page.js").read_text(encoding="utf-8")
     text: str = template.render(
