@@ -97,7 +97,10 @@ def test_a_record_is_that_of_springs_as_soft():
 @pytest.mark.parametrize(
     ("shafts", "words"),
     [
-        ({"pinion": {"diameter_mm": 30, "bore_mm": 30, "to_bearings_mm": [10, 10]}}, "bore_mm = 30 must be below diameter_mm = 30"),
+        (
+            {"pinion": {"diameter_mm": 30, "bore_mm": 30, "to_bearings_mm": [10, 10]}},
+            "bore_mm = 30 must be below diameter_mm = 30",
+        ),
         ({"pinion": {"diameter_mm": 30, "to_bearings_mm": [10, 0]}}, "to_bearings_mm"),
         ({"pinon": {"diameter_mm": 30, "to_bearings_mm": [10, 9]}}, 'shafts names "pinon".*did you mean "pinion"'),
     ],
