@@ -1,6 +1,6 @@
 """Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase.
 
-Each operation is rounded as written, and no array is allocated in parts that are compiled into others.
+Each operation is rounded as written, and functions that are inlined allocate no arrays.
 """
 
 import math
@@ -13,20 +13,20 @@ from signals._compile import compiled_exactly, compiled_inline
 
 Array = NDArray[np.float64]
 
-# below this many cycles, Gauss's rule: the difference of two periodic integrals would lose digits
+# cycles below which Gauss's rule is used, since the difference of two periodic integrals would lose digits
 SHORT = 1.0 / 512
-NEAR = 1e-9  # cycles: a jump so near the upper end counts, for a value there may be that after it
-LONGEST = 1.0 / 8  # cycles to which Gauss's rule with four points is applied: 2e-3 of a tenth harmonic, at most
+NEAR = 1e-9  # cycles: a jump this close beyond the upper end counts, since a value there may be that after it
+LONGEST = 1.0 / 8  # longest interval in cycles for Gauss's rule with four points: error at most 2e-3 of harmonic 10
 _POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
 POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
-OUTER_NODE = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
+OUTER_NODE = 0.5 * math.sqrt(0.6)  # distance of the outer two of three nodes from the middle
 SLOPE_WEIGHT = 5 / 6 * math.sqrt(0.6)
 WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
 
 
 @compiled_inline
 def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
-    """Return the segment of a phase, and the phase within the period."""
+    """Return the segment of a phase and the phase within the period."""
     period = waves.periods[which]
     x = phase - math.floor(phase / period) * period
     low, last = waves.segments[which], waves.segments[which + 1] - 1
@@ -41,7 +41,7 @@ def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
 
 @compiled_inline
 def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
-    """Return the cell at x, and the position in it from 0 to 1."""
+    """Return the cell at x and the position in it from 0 to 1."""
     u = (x - waves.starts[segment]) * waves.densities[segment]
     inside = min(int(u), waves.counts[segment] - 1)
     return waves.firsts[segment] + inside, u - inside
@@ -49,7 +49,7 @@ def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
 
 @compiled_inline
 def value_in(waves: Waves, segment: int, x: float) -> float:
-    """Return the function at x, by the polynomial of a known segment."""
+    """Return the function at x from the polynomial of a known segment."""
     cell, u = cell_at(waves, segment, x)
     c = waves.rows[cell]
     value: float = c[0] + u * (c[1] + u * (c[2] + u * (c[3] + u * (c[4] + u * c[5]))))
@@ -65,7 +65,7 @@ def value_at(waves: Waves, which: int, phase: float) -> float:
 
 @compiled_inline
 def edge_of(waves: Waves, which: int, segment: int) -> float:
-    """Return where a segment ends."""
+    """Return the end of a segment."""
     last = segment + 1 == waves.segments[which + 1]
     edge: float = waves.periods[which] if last else waves.starts[segment + 1]
     return edge
@@ -80,7 +80,7 @@ def following(waves: Waves, which: int, segment: int) -> int:
 
 @compiled_inline
 def jumps_within(waves: Waves, which: int, start: float, stop: float) -> bool:
-    """Return whether the function jumps, or runs steeply, in an interval, of which the lower end does not count."""
+    """Return whether the function jumps or is steep in an interval, not counting its lower end."""
     low, left = min(start, stop), abs(stop - start)
     segment, x = locate(waves, which, low)
     while True:
@@ -98,7 +98,7 @@ def jumps_within(waves: Waves, which: int, start: float, stop: float) -> bool:
 def legendre_of_product(
     one: Waves, first: int, other: Waves, second: int, start: float, stop: float
 ) -> tuple[float, float, float]:
-    """Return what `legendre` does of the product of two functions, by Gauss's rule between the jumps of either."""
+    """Return the result of `legendre` for the product of two functions, by Gauss's rule between all their jumps."""
     low, high = min(start, stop), max(start, stop)
     whole, at = high - low, low
     own, x = locate(one, first, low)
@@ -107,7 +107,7 @@ def legendre_of_product(
         return value_in(one, own, x) * value_in(other, its, y), 0.0, 0.0
     sum0 = sum1 = sum2 = 0.0
     while True:
-        # past an edge by rounding, the interval up to it is empty
+        # where rounding is past an edge, the interval up to it is empty
         left, to_own = high - at, max(edge_of(one, first, own) - x, 0.0)
         to_its = max(edge_of(other, second, its) - y, 0.0)
         width = min(left, to_own, to_its, LONGEST)
@@ -135,11 +135,11 @@ def legendre_of_product(
 
 @compiled_inline
 def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
-    """Return what `legendre` does by Gauss's rule: across jumps of the product with the unit function."""
+    """Return the result of `legendre` by Gauss's rule; across jumps, of the product with the unit function."""
     whole = abs(stop - start)
     segment, x = locate(waves, which, min(start, stop))
     if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
-        # the usual case: three points between two jumps are enough, and cost a third
+        # the usual case: three points between two jumps suffice, at a third of the cost
         first = value_in(waves, segment, x + (0.5 - OUTER_NODE) * whole)
         middle = value_in(waves, segment, x + 0.5 * whole)
         last_value = value_in(waves, segment, x + (0.5 + OUTER_NODE) * whole)
@@ -151,12 +151,12 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
 
 @compiled_inline
 def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, float]:
-    """Return the three periodic integrals of the function less its mean."""
+    """Return the three periodic integrals of the function minus its mean."""
     segment, x = locate(waves, which, phase)
     cell, u = cell_at(waves, segment, x)
     c = waves.rows[cell]
     square = u * u
-    # even and odd powers apart: half as long a chain of dependent sums
+    # even and odd powers separately: half as long a chain of dependent sums
     first = c[6] + square * (c[8] + square * (c[10] + square * c[12])) + u * (c[7] + square * (c[9] + square * c[11]))
     second = (
         c[13]
@@ -180,14 +180,14 @@ def legendre(
     before: tuple[float, float, float],
     after: tuple[float, float, float],
 ) -> tuple[float, float, float]:
-    """Return a0, a1, a2 of the best ``a0 + a1 P1(x) + a2 P2(x)``, x from -1 at `start` to 1 at `stop`.
+    """Return a0, a1, a2 of the least-squares fit ``a0 + a1 P1(x) + a2 P2(x)``, x from -1 at `start` to 1 at `stop`.
 
-    `before` and `after` are the function's integrals there; by parts, ``int t^n f dt`` needs no more.
+    `before` and `after` are the function's integrals there; by parts, ``int t^n f dt`` needs nothing else.
     """
     width = stop - start
     if abs(width) < SHORT:
         return legendre_short(waves, which, start, stop)
-    per_width = 1.0 / width  # one division, which the next look-ups need not wait for
+    per_width = 1.0 / width  # a single division, which other look-ups need not wait for
     first0 = (after[0] - before[0]) * per_width
     rise1 = (after[1] - before[1]) * per_width
     first1 = (after[0] - rise1) * per_width

@@ -1,7 +1,7 @@
 """Compiled steps of the exponential splitting: exact flow of the constant part, impulses by the forces.
 
-Each operation is rounded as written, and no array is allocated in parts that are compiled into others. Loops stand in
-place of assignments to parts of arrays, each of which takes half a second to compile.
+Each operation is rounded as written, and functions that are inlined allocate no arrays. Loops replace assignments to
+slices, each of which takes half a second to compile.
 """
 
 from typing import NamedTuple
@@ -25,22 +25,22 @@ from signals._compile import compiled_exactly, compiled_inline
 Array = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
-C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
-M0, M2 = 1 / 24, 1 / 480  # of the correction of the middle deflection
-TILE = 256  # steps whose teeth are looked up at once: later look-ups need not wait for earlier steps
-GAP, BACK_GAP, MEAN, OFFSET = range(4)  # of each mesh: half its backlash on either flank; what its force is in the flow
-DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # of each mesh, now
+C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # coefficients of the commutator
+M0, M2 = 1 / 24, 1 / 480  # coefficients of the correction of the middle deflection
+TILE = 256  # steps whose teeth are looked up together, so that look-ups need not wait for earlier steps
+GAP, BACK_GAP, MEAN, OFFSET = range(4)  # per mesh: half its backlash on either flank, and its force in the flow
+DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # current values per mesh
 
 
 class StepFlow(NamedTuple):
-    """Exact flow over a step, and what impulses at its beginning and in its middle do.
+    """Exact flow over a step, and the effect of impulses at its beginning and in its middle.
 
-    Impulses come from forces, then from drags, k in all. ``columns`` (c, width) are those of the matrix from x at the
-    beginning, impulses there, and the transmission errors of each force and the varying loads at beginning, middle and
+    Impulses are those of forces, then of drags, k in total. ``columns`` (c, width) are the columns of the matrix from x
+    and impulses at the beginning, and the transmission errors of each force and varying loads at beginning, middle and
     end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
-    middle; ``added`` (width,) is what the constant load adds. ``directions`` (k, n): change of the modal velocities per
-    impulse. ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle.
-    ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
+    middle; ``added`` (width,) is the contribution of the constant load. ``directions`` (k, n): change of the modal
+    velocities per impulse. ``from_middle`` (k, 2 n + forces): change of x and deflections at the end per impulse in the
+    middle. ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
     """
 
     columns: Array
@@ -60,7 +60,7 @@ def add_product(columns: Array, x: Array, out: Array) -> None:
 
 @compiled_inline
 def dead_zone(deflection: float, half_gap: float, back_half_gap: float) -> tuple[float, float]:
-    """Return the elastic compression of the teeth, negative on the back flanks, and 1 in contact, else 0."""
+    """Return the elastic compression of the teeth, negative on the back flanks, and 1 in contact or 0."""
     if half_gap <= 0.0:
         return deflection, 1.0
     if deflection > half_gap:
@@ -72,7 +72,7 @@ def dead_zone(deflection: float, half_gap: float, back_half_gap: float) -> tuple
 
 @compiled_inline
 def let_act(x: Array, impulses: Array, directions: Array) -> None:
-    """Add impulses to the modal velocities, and set them to zero."""
+    """Apply impulses to the modal velocities and set them to zero."""
     size = directions.shape[1]
     for k in range(impulses.size):
         for i in range(size):
@@ -95,7 +95,7 @@ def brake(
 ) -> None:
     """Integrate ``v' = -(c / m) v abs(v)`` exactly over a time for each speed with drag, and add its impulse.
 
-    That of the first speed has number `first`.
+    The impulse of the first speed has the index `first`.
     """
     count = speeds.size
     for n in range(count):
@@ -111,7 +111,7 @@ def brake(
 def history_tables(first: int, later: int, position: float) -> tuple[int, int, float]:
     """Return the tables before and after a position in the history of a mesh, and the weight of the second.
 
-    Instant 0 has table `first`, instant 1 table `later`, the next ones follow; `later` below zero: nothing changes.
+    Instant 0 has the table `first`, instant 1 the table `later`, and so on; nothing changes if `later` is negative.
     """
     if later < 0:
         return first, first, 0.0
@@ -123,7 +123,7 @@ def history_tables(first: int, later: int, position: float) -> tuple[int, int, f
 
 @compiled_inline
 def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) -> float:
-    """Return the value interpolated between two tables, by the weight of the second."""
+    """Return the value interpolated between two tables with the weight of the second."""
     value = 0.0
     table, part = now, 1.0 - share
     while True:
@@ -138,7 +138,7 @@ def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) 
 def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: Array) -> tuple[float, float, float]:
     """Return the Legendre coefficients of a function over a step.
 
-    `known` (tables, 3) has the integrals at the beginning, NaN if unknown, and receives those at the end.
+    `known` (tables, 3) holds the integrals at the beginning, NaN if unknown, and receives those at the end.
     """
     if abs(end - begin) < SHORT:
         known[which, 0] = np.nan
@@ -185,11 +185,11 @@ def read_teeth(
     equations: Equations, turns: Array, positions: Array, first: int, known: Array,
     stiffness: Array, errors: Array, jumping: Booleans, jumps: Array,
 ) -> None:  # fmt: skip
-    """Look up the teeth over steps that begin and end at `turns` (steps + 1,), in revolutions of the reference.
+    """Look up the teeth over steps that begin and end at `turns` (steps + 1,), in rev of the reference.
 
     `stiffness` (steps, meshes, 3) receives Legendre coefficients over each step, `errors` (steps, meshes, 3) the
-    transmission errors at its beginning, middle and end, `jumping` (steps, meshes) whether they jump in between: then
-    `jumps` (steps, meshes, 6) receives what `read_jump` finds. `positions` are those in the histories, from step
+    transmission errors at its beginning, middle and end, and `jumping` (steps, meshes) whether they jump in between; if
+    so, `jumps` (steps, meshes, 6) receives the result of `read_jump`. `positions` are those in the histories, from step
     `first` on; `known` is that of `legendre_of_step`.
     """
     waves, steps = equations.stiffnesses, turns.size - 1
@@ -228,9 +228,9 @@ def read_teeth(
 
 @compiled_inline
 def at_node(node: int, a0: float, a1: float, a2: float) -> float:
-    """Return the mean of a function over a step under the Lagrange polynomial of node 0, 1 or 2, which may be negative.
+    """Return the mean over a step of a function weighted by the Lagrange polynomial of node 0, 1 or 2.
 
-    a0 to a2 are its Legendre coefficients.
+    a0 to a2 are the function's Legendre coefficients; the mean may be negative.
     """
     if node == 1:
         return a0 - 0.2 * a2
@@ -239,11 +239,11 @@ def at_node(node: int, a0: float, a1: float, a2: float) -> float:
 
 @compiled_inline
 def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
-    """Return how much the compression at a node of a step adds to the triangular means of a mesh force.
+    """Return the weights of the compression at a node of a step in the triangular means of a mesh force.
 
     The first weight is for the rising half of the triangle, the second for both halves, whose sum is constant. They
-    come from the integrals over the step of the stiffness, with Legendre coefficients a0 to a2, times the quadratic
-    Lagrange polynomial of node 0, 1 or 2 (x = -1, 0 and 1), and of the same times x. `sub` counts the steps of the
+    are integrals over the step of the stiffness, with Legendre coefficients a0 to a2, times the quadratic Lagrange
+    polynomial of node 0, 1 or 2 (x = -1, 0 and 1), and of the same times x. `sub` is the number of the step within the
     sample.
     """
     if node == 1:
@@ -271,19 +271,21 @@ def split_steps(
 ) -> None:
     """Propagate x over all samples of a block and compute the outputs at each.
 
-    The mean stiffness of a mesh, its transmission error and varying loads, parabolas over each step, are in the exact
-    flow; so impulses do not grow with an error, however large. What these lack acts by impulses at both ends of a step
-    and in its middle: integrals of the stiffness times the quadratic Lagrange polynomials through these nodes, exact
-    across jumps. The middle one also has the commutator of two mesh forces: h^3 times a quadratic form of their
-    Legendre coefficients. What acts at the end of a step waits for what acts at the beginning of the next, but at a
-    sample.
-    The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
-    start: over a step it cancels, but weighted mesh forces need it.
-    `loads` (2 steps + 1, loads) are the varying ones at the beginning and in the middle of each step, and at the end.
-    `history_positions` (steps, meshes) are those in the histories of the meshes.
-    `weighted_forces` (samples, 2 meshes) receives the force of each mesh under the triangular weight, then the force
-    at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the
-    output has none. All cases share one compilation: absent parts are empty arrays.
+    The exact flow includes the mean stiffness of each mesh, its transmission error and varying loads, as parabolas over
+    each step, so that impulses do not grow with an error, however large. The remaining forces act as impulses at both
+    ends of a step and in its middle: integrals of the stiffness times the quadratic Lagrange polynomials through these
+    nodes, exact across jumps. The middle one also includes the commutator of two mesh forces: h^3 times a quadratic
+    form of their Legendre coefficients. Impulses at the end of a step are applied together with those at the beginning
+    of the next, except at a sample.
+
+    The deflection at the middle node lacks `correction`, the effect of the forces up to there beyond the impulse at the
+    start: it cancels over a step, but weighted mesh forces need it.
+
+    `loads` (2 steps + 1, loads) are the varying loads at the beginning and in the middle of each step, and at the end.
+    `history_positions` (steps, meshes) are those in the histories of the meshes. `weighted_forces` (samples, 2 meshes)
+    receives the force of each mesh under the triangular weight, then the force at the sample, or is (0, 2 meshes) if
+    the output has neither; `next_weighted` (meshes,) is the known part of the next weighted force. All cases share one
+    compilation: absent parts are empty arrays.
     """
     deflection_rows, coupling = equations.deflection_rows, equations.coupling
     drags, drag_factors, speed_changes = equations.drags, equations.drag_factors, flow.speed_changes
@@ -291,12 +293,12 @@ def split_steps(
     size, meshes = deflection_rows.shape
     braked = drag_factors.size
     ends, middles, after = 2 * size, 2 * size + meshes, np.empty(added.size)  # where the deflections are in `after`
-    # what acts in the middle of a step; and x, with what acts at its beginning
+    # impulses in the middle of a step; x with the impulses at its beginning and the inputs
     impulse, state, speeds = np.zeros(from_middle.shape[0]), np.zeros(columns.shape[0]), np.zeros(braked)
     for i in range(ends):
         state[i] = start[i]
     x, pending, inputs = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
-    # side by side for each mesh: loops over few meshes are not worth vectors
+    # values of a mesh are adjacent: loops over a few meshes do not benefit from vectors
     teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 5))
     for m in range(meshes):
         teeth[m, GAP], teeth[m, BACK_GAP] = equations.backlashes[m], equations.back_half_gaps[m]

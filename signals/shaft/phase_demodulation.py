@@ -162,7 +162,7 @@ def refine_phase(
     if shared < 2 * window:
         raise ValueError(
             f"the phase and the record share {shared:.3g} revolutions; windows of {window:g} require {2 * window:g}. "
-            "Record longer, or reduce window_rev."
+            "Record longer, reduce window_rev, or negate a phase that decreases."
         )
     part_start = start_s + first / rate
     knots = np.linspace(part_start, start_s + (last - 1) / rate, 512)
