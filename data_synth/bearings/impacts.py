@@ -143,26 +143,24 @@ def _impacts_before(
 # ---- Stribeck's distribution of the bearing load over the elements ---------------------------------------------------
 
 
-_POINT_CONTACT = 1.5
-
-
 @dataclass(frozen=True, kw_only=True)
 class LoadZone:
-    """Stribeck's distribution: ``(1 - (1 - cos psi) / (2 e)) ** exponent`` within the load zone, zero outside.
+    """Stribeck's load on an element relative to the maximum: ``max(0, 1 - (1 - cos psi) / (2 eps)) ** exponent``.
 
-    ``e = (1 - cos half_angle) / 2``. The half angle is 90 degrees at zero clearance, smaller with clearance and larger
-    under preload; the exponent is 3/2 for balls and 10/9 for rollers (Harris 2001, Rolling Bearing Analysis).
+    psi is the angle from the middle of the load zone (Harris 2001, Rolling Bearing Analysis).
 
     Attributes
     ----------
-    half_angle_rad : float
-        Above 0 and at most pi.
+    distribution : float
+        Load distribution factor eps, above 0 and at most 1: 0.5 where half the ring is loaded, less with clearance,
+        more under preload.
     exponent : float
+        3/2 for balls (point contact), 10/9 for rollers (line contact).
 
     Raises
     ------
     ValueError
-        If `half_angle_rad` is out of range.
+        If `distribution` is out of range.
 
     Examples
     --------
@@ -171,42 +169,17 @@ class LoadZone:
     [1.0, 0.0]
     """
 
-    half_angle_rad: float = math.pi / 2
-    exponent: float = _POINT_CONTACT
+    distribution: float = 0.5
+    exponent: float = 1.5
 
     def __post_init__(self) -> None:
-        if not 0 < self.half_angle_rad <= math.pi:
-            raise ValueError(f"half_angle_rad = {self.half_angle_rad:g} must be above 0 and at most pi")
-
-    @classmethod
-    def of(cls, *, distribution: float, exponent: float = _POINT_CONTACT) -> "LoadZone":
-        """Return the zone for Stribeck's load distribution factor, above 0 and at most 1: 0.5 loads half the ring."""
-        return cls(half_angle_rad=math.acos(1 - 2 * distribution), exponent=exponent)
+        if not 0 < self.distribution <= 1:
+            raise ValueError(f"distribution = {self.distribution:g} must be above 0 and at most 1")
 
     def share(self, angle_rad: ArrayLike) -> Array:
         """Return the load relative to its maximum at angles (n,) in rad from the middle of the zone."""
-        lowest = (1 - math.cos(self.half_angle_rad)) / 2
-        return stribeck_load(angle_rad, distribution=lowest, exponent=self.exponent)
-
-
-def stribeck_load(angle_rad: ArrayLike, *, distribution: float, exponent: float = _POINT_CONTACT) -> Array:
-    """Return the load on an element relative to the maximum: ``max(0, 1 - (1 - cos psi) / (2 eps)) ** exponent``.
-
-    Parameters
-    ----------
-    angle_rad : (n,) array
-        Angle psi in rad from the middle of the load zone.
-    distribution : float
-        Load distribution factor eps: 0.5 where half the ring is loaded, less with clearance, more under preload.
-    exponent : float
-        3/2 for point contact, 10/9 for line contact.
-
-    Returns
-    -------
-    (n,) array
-    """
-    lowered = (1 - np.cos(np.asarray(angle_rad, dtype=np.float64))) / (2 * distribution)
-    return np.asarray(np.maximum(0.0, 1 - lowered) ** exponent)
+        lowered = (1 - np.cos(np.asarray(angle_rad, dtype=np.float64))) / (2 * self.distribution)
+        return np.asarray(np.maximum(0.0, 1 - lowered) ** self.exponent)
 
 
 # ---- Exact position of the parts of a bearing with slip --------------------------------------------------------------

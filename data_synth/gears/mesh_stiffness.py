@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,10 +144,13 @@ class Rectangular:
     def __post_init__(self) -> None:
         _not_negative(self.low, "low")
         _not_negative(self.high, "high")
-        _share(self.duty, "duty")
+        if not 0 < self.duty < 1:
+            raise ValueError(
+                f"duty = {self.duty!r} must be above 0 and below 1; for a stiffness that does not vary use Constant."
+            )
 
     @classmethod
-    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float) -> Rectangular:
+    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, **shape: float) -> Self:
         """Return the stiffness of equal tooth pairs: ``ceil(ratio)`` pairs for ``ratio % 1`` cycles, then one fewer.
 
         Parameters
@@ -156,9 +159,12 @@ class Rectangular:
             Stiffness of one pair of teeth, N/m.
         contact_ratio : float
             Transverse contact ratio, not a whole number.
+        **shape : float
+            `ramp` of a `Trapezoidal` wave.
         """
         pairs = math.floor(contact_ratio)
-        return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=contact_ratio - pairs)
+        low, high = pairs * pair_stiffness, (pairs + 1) * pair_stiffness
+        return cls(low=low, high=high, duty=contact_ratio - pairs, **shape)
 
     @property
     def mean(self) -> float:
@@ -177,7 +183,7 @@ class Rectangular:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trapezoidal:
+class Trapezoidal(Rectangular):
     """A trapezoidal wave: `Rectangular` with linear rise and fall.
 
     Attributes
@@ -202,34 +208,20 @@ class Trapezoidal:
     ([1.5, 2.0, 1.5, 1.0], 1.5)
     """
 
-    low: float
-    high: float
-    duty: float
     ramp: float
-    period: int = field(default=1, init=False)
-    jumps: tuple[float, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
-        _not_negative(self.low, "low")
-        _not_negative(self.high, "high")
-        _share(self.duty, "duty")
+        super().__post_init__()
         if not 0 < self.ramp <= min(self.duty, 1 - self.duty):
             raise ValueError(
                 f"ramp = {self.ramp!r} must be above 0 and at most {min(self.duty, 1 - self.duty):g}, the smaller of "
                 "duty and 1 - duty; without ramps use Rectangular."
             )
 
-    @classmethod
-    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, ramp: float) -> Trapezoidal:
-        """Return the stiffness of equal tooth pairs as `Rectangular.by_contact_ratio` does, with ramps."""
-        pairs = math.floor(contact_ratio)
-        duty = contact_ratio - pairs
-        return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=duty, ramp=ramp)
-
     @property
-    def mean(self) -> float:
-        """Mean over a cycle in N/m."""
-        return self.low + self.duty * (self.high - self.low)
+    def jumps(self) -> tuple[float, ...]:
+        """No phases: the stiffness is continuous."""
+        return ()
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -337,10 +329,3 @@ def quadrature(stiffness: Stiffness, *, harmonics: int = 1) -> tuple[Array, Arra
 def _not_negative(value: float, name: str) -> None:
     if not (math.isfinite(value) and value >= 0):
         raise ValueError(f"{name} = {value!r} N/m must be a finite number, 0 or more.")
-
-
-def _share(value: float, name: str) -> None:
-    if not 0 < value < 1:
-        raise ValueError(
-            f"{name} = {value!r} must be above 0 and below 1; for a stiffness that does not vary use Constant."
-        )

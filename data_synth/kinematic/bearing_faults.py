@@ -56,7 +56,7 @@ def bearing_impact_trains(
         fault.kind,
         rates=rates,
         slip=fault,
-        zone=LoadZone.of(distribution=fault.load_distribution, exponent=fault.load_exponent),
+        zone=LoadZone(distribution=fault.load_distribution, exponent=fault.load_exponent),
         span_rev=span_rev,
         rng=rng,
         place_turns=fault.place_deg / 360,

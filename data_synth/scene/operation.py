@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
@@ -57,24 +57,6 @@ class Turbulence(Declared):
     highest_hz: Positive = 1.0
 
 
-def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
-    """Refuse a time history given more than once, as knots, steps or a file; read it from a file."""
-    if not isinstance(table, dict):
-        return table
-    given = [key for key in (value, "steps", "csv", "run_up") if table.get(key) is not None]
-    if len(given) != 1:
-        raise ValueError(
-            f"{' and '.join(given)} are both given; keep one"
-            if given
-            else f"its values are missing; give {value} = a number or [[s, {value}], ...], steps or csv"
-        )
-    if "csv" in table:
-        table = {key: item for key, item in table.items() if key != "csv"} | {
-            value: csv_rows(Path(table["csv"]), "s", value)
-        }
-    return table
-
-
 def csv_rows(path: Path, *columns: str) -> tuple[tuple[float, ...], ...]:
     """Read `columns` of numbers from a file with or without a header line."""
     what, names = f"csv = {str(path)!r}", ", ".join(columns)
@@ -104,11 +86,32 @@ class TimeHistory(Declared):
     steps: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1), AfterValidator(_rising)] | None = None
     rise_s: NotNegative = 0.0
     turbulence: Turbulence | None = None
+    quantity: ClassVar[str]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        """Refuse a history given more than once, as knots, steps or a file; read it from a file."""
+        if not isinstance(table, dict):
+            return table
+        value = cls.quantity
+        given = [key for key in (value, "steps", "csv", "run_up") if table.get(key) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"{' and '.join(given)} are both given; keep one"
+                if given
+                else f"its values are missing; give {value} = a number or [[s, {value}], ...], steps or csv"
+            )
+        if "csv" not in table:
+            return table
+        return {key: item for key, item in table.items() if key != "csv"} | {
+            value: csv_rows(Path(table["csv"]), "s", value)
+        }
 
     @property
     def rows(self) -> Rows:
         """Times in s and values of knots or steps; empty in a run-up."""
-        return self.steps or ()
+        return getattr(self, self.quantity) or self.steps or ()
 
     @property
     def knots(self) -> Rows:
@@ -159,13 +162,9 @@ class Speed(TimeHistory):
     from the torque.
     """
 
+    quantity: ClassVar[str] = "rpm"
     rpm: Knots | None = None
     run_up: RunUp | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read(cls, table: Any) -> Any:  # noqa: ANN401
-        return read_time_history(table, "rpm")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -183,11 +182,6 @@ class Speed(TimeHistory):
             )
         return self
 
-    @property
-    def rows(self) -> Rows:
-        """Times in s and rpm of knots or steps; empty in a run-up."""
-        return self.rpm or self.steps or ()
-
 
 _DEVIATIONS = 8  # exceeded by a Gaussian variable once in 1e15
 
@@ -200,25 +194,16 @@ class Torque(TimeHistory):
     throughout is the load u. A scene without torque is at full load.
     """
 
+    quantity: ClassVar[str] = "nm"
     nm: Knots | None = None
     unloaded_share: Share = 0.3
     full_load_nm: Positive | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read(cls, table: Any) -> Any:  # noqa: ANN401
-        return read_time_history(table, "nm")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.full_load_nm is None and self.turbulence is not None and not any(nm for _, nm in self.rows):
             raise ValueError("turbulence about nm = 0 has no full load as a reference; give full_load_nm")
         return self
-
-    @property
-    def rows(self) -> Rows:
-        """Times in s and torques in N m of knots or steps."""
-        return self.nm or self.steps or ()
 
 
 class Missing(Declared):

@@ -10,7 +10,6 @@ from data_synth.bearings.impacts import (
     bearing_impacts,
     passage_revolutions,
     renewal_process,
-    stribeck_load,
 )
 from data_synth.scene.machine_faults import BearingFault
 from hums.gearbox.bearing_catalogue import BearingOrders
@@ -90,8 +89,8 @@ def test_the_mean_rate_is_that_of_rolling_less_the_slip(mean_slip):
 
 def test_the_load_zone_is_as_wide_as_its_factor_says():
     angle = np.radians([0, 60, 90, 180])
-    assert_allclose(stribeck_load(angle, distribution=0.5), [1, 0.5**1.5, 0, 0], atol=1e-12)
-    assert_allclose(stribeck_load(angle, distribution=1.0), [1, 0.75**1.5, 0.5**1.5, 0], atol=1e-12)
+    assert_allclose(LoadZone(distribution=0.5).share(angle), [1, 0.5**1.5, 0, 0], atol=1e-12)
+    assert_allclose(LoadZone(distribution=1.0).share(angle), [1, 0.75**1.5, 0.5**1.5, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("line", "expected"), [(5, 40.54), (10, 10.165), (20, 2.663)])
@@ -144,7 +143,7 @@ def test_same_seed_same_bytes():
 
 
 def test_each_part_is_loaded_where_it_is():
-    zone = LoadZone(half_angle_rad=math.radians(60))
+    zone = LoadZone(distribution=0.25)  # 60 deg to either side
     # an outer race at rest: the load of its place, from psi = 30 deg of 60
     placed = strikes("outer_race", zone=zone, place_turns=30 / 360)
     load = (1 - (1 - math.cos(math.radians(30))) / (1 - math.cos(math.radians(60)))) ** 1.5
@@ -161,15 +160,13 @@ def test_each_part_is_loaded_where_it_is():
     assert_allclose(strikes("cage", zone=zone).weights, 1)
 
 
-def test_the_load_zone_by_its_half_angle_and_exponent():
-    zone = LoadZone(half_angle_rad=math.radians(70), exponent=10 / 9)
+def test_the_load_zone_of_rollers_with_clearance():
+    edge = math.cos(math.radians(70))
+    zone = LoadZone(distribution=(1 - edge) / 2, exponent=10 / 9)
     assert_allclose(zone.share(np.radians([0, 70, -70, 120])), [1, 0, 0, 0], atol=1e-12)
-    halved = LoadZone.of(distribution=0.5)
-    assert halved.half_angle_rad == pytest.approx(math.pi / 2)
     # by geometry: the deflection is d cos psi less the clearance that leaves none at 70 deg
     psi = np.radians([20, 50])
-    deflection = (np.cos(psi) - math.cos(math.radians(70))) / (1 - math.cos(math.radians(70)))
-    assert_allclose(zone.share(psi), deflection ** (10 / 9), rtol=1e-12)
+    assert_allclose(zone.share(psi), ((np.cos(psi) - edge) / (1 - edge)) ** (10 / 9), rtol=1e-12)
 
 
 def test_a_spall_is_passed_at_the_speed_of_the_contact():
@@ -188,7 +185,7 @@ def test_a_spall_is_passed_at_the_speed_of_the_contact():
     [
         (lambda: Slip(slip_std=0.3), "slip_std = 0.3"),
         (lambda: Slip(mean_slip=1.0), "mean_slip = 1 must be below 1"),
-        (lambda: LoadZone(half_angle_rad=4.0), "half_angle_rad = 4"),
+        (lambda: LoadZone(distribution=1.5), "distribution = 1.5 must be above 0"),
         (lambda: strikes("ball"), 'kind = "ball" is not a bearing fault'),
         (lambda: strikes("outer_race", rates=rates(inner=0.0)), "is never struck"),
     ],
