@@ -155,7 +155,7 @@ def test_what_has_no_linear_response_is_integrated(changes, why):
 
 
 def test_what_is_inside_gears_of_a_linear_response_is_refused():
-    with pytest.raises(SceneError, match=r'mechanics: .* linear response.* write fidelity = "dynamic"'):
+    with pytest.raises(SceneError, match=r'mechanics = True .* linear response; set fidelity = "dynamic"'):
         simulate(demo(EVEN, duration_s=0.1), seed=1, mechanics=True)
 
 
