@@ -91,11 +91,11 @@ BUDGETS = """
     data_synth/dynamics, data_synth/integrators                4106   2813   2600
     data_synth/fidelity, data_synth/vibration                  4287   2232   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
-    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2495   2200
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2490   2200
     data_synth/sources, data_synth/transfer                    1545   1223   1200
-    all code lines                                            48791  41670  33500
+    all code lines                                            48791  41660  33500
     all modules                                                 345    287    240
-    all constants                                              1492   1016    750
+    all constants                                              1492   1015    750
     tests                                                     35938  30287  23000
     benchmarks                                                 7891   7891   6000
 """
