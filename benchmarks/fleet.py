@@ -30,7 +30,7 @@ from fleet_analyses import (
     fault_courses,
     unseen,
 )
-from fleet_chain import CHUNK, RATES, WATCHED, at_rate, learn_prior, of_components, two_of_three, watch
+from fleet_chain import CHUNK, RATES, WATCHED, at_rate, learn_limits, learn_prior, of_components, two_of_three, watch
 from fleet_cost import cost_rows
 from fleet_forecasts import LAWS, coverage
 from fleet_measured import run_to_failure, turbine
@@ -342,8 +342,9 @@ def main() -> None:
     given = parser.parse_intermixed_args()
     if given.learn_prior:
         found = analyses(given.analyses, workers=given.workers, records=given.records)
-        learned = json.dumps(learn_prior(found, found.resampled()))
-        (ROOT / "hums" / "fleet" / PRIOR_NAME).write_text(f"{learned}\n", encoding="utf-8")
+        path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled())
+        learned["limits"] = learn_limits(found, found.resampled(), learned, machines=given.machines)
+        path.write_text(json.dumps(learned) + "\n", encoding="utf-8")
         return
     page = given.folder / "fleet.md"
     text = page.read_text(encoding="utf-8") if given.only else ""

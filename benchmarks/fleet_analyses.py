@@ -25,10 +25,12 @@ Array = NDArray[np.float64]
 STATES = ("gain_db", "noise_db", "temperature_k", "load")
 FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
 _MEASURED_ERROR = 0.1  # of a state's deviation: 0.5 K, and 1 % of the load
-RECORDS, MACHINES = 240, 41
+RECORDS, MACHINES = 960, 41
 """Of the dataset with faults: few records of each machine, whose states are then spread as widely as those of long
 fleets, and no divisor in common with the 12 records in which classes take turns, so that each shows them all."""
-UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES = 3, 480, 40  # of the analyses that fleets are measured on
+HEALTHY_SEEDS = (3, 4)  # of further healthy machines that the prior is learned from
+HEALTHY_RECORDS, HEALTHY_MACHINES = 480, 40  # of each of those seeds
+UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES = 5, 1_000, 125  # of the analyses that fleets are measured on
 
 PLAN = """
 scene = "healthy-mill"
@@ -69,14 +71,14 @@ name = "{name}"
 [[class.change.fault]]
 kind = "{kind}"
 component = "{component}"
-{size} = {{ log = [{least}, {most}], label = "severity_mm" }}
+{size} = {{ log = [{least}, 3], label = "severity_mm" }}
 """
 SIZES = (
-    ("crack", "tooth_crack", "stage 1/pinion", "depth_mm", 0.1, 3.0),
-    ("spall", "spall", "stage 2/output", "size_mm", 0.1, 3.0),
-    ("eccentricity", "eccentricity", "stage 1/intermediate", "size_mm", 0.02, 0.7),  # within the bottom clearance
-    ("inner race", "inner_race", "intermediate bearing", "size_mm", 0.1, 3.0),
-    ("outer race", "outer_race", "input bearing", "size_mm", 0.1, 3.0),
+    ("crack", "tooth_crack", "stage 1/pinion", "depth_mm", 0.1),
+    ("spall", "spall", "stage 2/output", "size_mm", 0.1),
+    ("eccentricity", "eccentricity", "stage 1/intermediate", "size_mm", 0.02),
+    ("inner race", "inner_race", "intermediate bearing", "size_mm", 0.1),
+    ("outer race", "outer_race", "input bearing", "size_mm", 0.1),
 )
 
 
@@ -112,10 +114,19 @@ class Analyses:
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     """Return the analyses in the folder that the prior and faults are learned from; make what is missing."""
     text = PLAN.format(records=records, machines=MACHINES, seed=1)
-    for name, kind, component, size, least, most in SIZES:
-        text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least, most=most)
+    for name, kind, component, size, least in SIZES:
+        text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least)
     rows, labels = _analysed(folder, text, workers)
     kinds = [str(kind) for kind in labels["class"].to_numpy()]
+    severity_mm, states = [labels["severity_mm"].to_numpy()], [_states(labels)]
+    machine = [np.arange(records) % MACHINES]  # records take turns
+    for place, seed in enumerate(HEALTHY_SEEDS):
+        more, labels = _healthy(folder, seed, HEALTHY_RECORDS, HEALTHY_MACHINES, workers)
+        rows += more
+        kinds += ["healthy"] * HEALTHY_RECORDS
+        severity_mm.append(np.full(HEALTHY_RECORDS, np.nan))
+        states.append(_states(labels))
+        machine.append(MACHINES + place * HEALTHY_MACHINES + np.arange(HEALTHY_RECORDS) % HEALTHY_MACHINES)
     found, classes = [series_of(row) for row in rows], np.array(kinds)
     every = tuple(sorted(set().union(*found)))
     values = np.array([vector(one, every) for one in found])
@@ -124,23 +135,29 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
         series=tuple(key for key, keep in zip(every, kept, strict=True) if keep),
         values=values[:, kept],
         kinds=classes,
-        machine=np.arange(records) % MACHINES,  # records take turns
-        severity_mm=labels["severity_mm"].to_numpy().astype(np.float64),
+        machine=np.concatenate(machine),
+        severity_mm=np.concatenate(severity_mm).astype(np.float64),
         speed_hz=np.array([row["speed_hz"] for row in rows]),
-        states=_states(labels),
+        states=np.concatenate(states),
         diagnosed=np.array([_diagnosed(row, kind) for row, kind in zip(rows, kinds, strict=True)]),
     )
 
 
 def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resampled":
     """Return the fleets that are made of machines of another seed, from which nothing is learned."""
-    plan = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=UNSEEN_SEED)
-    rows, labels = _analysed(folder / f"seed {UNSEEN_SEED}", plan, workers)
+    rows, labels = _healthy(folder, UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES, workers)
     return Resampled(
         healthy=np.array([vector(series_of(row), series) for row in rows]),
         states=_states(labels),
         machine=np.arange(UNSEEN_RECORDS) % UNSEEN_MACHINES,
     )
+
+
+def _healthy(
+    folder: Path, seed: int, records: int, machines: int, workers: int
+) -> tuple[list[dict[str, Any]], xr.Dataset]:
+    """Return the results of healthy records of machines of a seed, and their labels."""
+    return _analysed(folder / f"seed {seed}", PLAN.format(records=records, machines=machines, seed=seed), workers)
 
 
 def _analysed(folder: Path, text: str, workers: int) -> tuple[list[dict[str, Any]], xr.Dataset]:

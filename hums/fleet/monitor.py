@@ -27,6 +27,7 @@ from hums.fleet.series import (
     SeriesValues,
     component_parts,
     layout_of,
+    limit_table,
     prior_of,
     vector,
     watched_component,
@@ -34,7 +35,7 @@ from hums.fleet.series import (
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
-from signals.monitoring.memory import learn_memory
+from signals.monitoring.memory import independent_records
 
 Array = NDArray[np.float64]
 RISES, FALLS = "level rises", "level falls suddenly"
@@ -87,18 +88,18 @@ class Epoch:
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
         self.names, self.channels, layout = layout_of(self.series)
-        prior, at = prior_of(self.series, layout), _logarithms(at)
-        learned = partial(learn_normal, values[:, kept], at, layout, prior)
+        learned = partial(learn_normal, values[:, kept], _logarithms(at), layout, prior_of(self.series, layout))
         self.normal = learned()
         times = np.array([seconds_since_1970(one.recorded_at) for one in seen])
-        memory = partial(learn_memory, times_s=times)
-        own = self.normal.read(values[:, kept], at).scores
-        shown = memory(own, prior_scale=self.normal.usual(prior)).shown
-        self.normal = learned(shown=float(np.median(shown)))
-        own = self.normal.read(values[:, kept], at).scores
+        own = self.normal.read(values[:, kept], _logarithms(at)).scores
+        independent = independent_records(own, times)
+        self.normal = learned(independent=float(np.median(independent)) / len(seen))
+        own = self.normal.read(values[:, kept], _logarithms(at)).scores
         self.limits = machine_limits(
-            memory(own, prior_scale=self.normal.usual(prior)),
+            limit_table(),
+            independent,
             settings.false_alarm_every,
+            layout.group_of,
             slopes=float(self.normal.series.regressors),
         )
         self.headroom, self.bursts = self.limits.headroom(own), self.limits.bursts(own)

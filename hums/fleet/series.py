@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout, Prior
+from signals.monitoring.limits import LimitTable
 
 PRIOR_NAME = "prior.json"
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
@@ -280,14 +281,15 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
     kinds: dict[tuple[str, str], list[int]] = {}
     for number, key in enumerate(series):
         kinds.setdefault((watched_component(key), _damage(key)), []).append(number)
-    names, scores = [], []
+    names, groups, scores = [], [], []
     for name in components:
         of_kinds = [np.array(those, dtype=np.int64) for (of, _), those in sorted(kinds.items()) if of == name]
         evidence = [those[[series[i].indicator == _EVIDENCE for i in those]] for those in of_kinds]
         parts = [(those,) for those in evidence if those.size]
         scores += [tuple(of_kinds), *parts]
         names += [name] * (1 + len(parts))
-    layout = Layout(components=tuple(scores), channels=tuple(channels.values()), powers=powers)
+        groups += [0, *[1] * len(parts)]
+    layout = Layout(components=tuple(scores), channels=tuple(channels.values()), powers=powers, groups=tuple(groups))
     return tuple(names), tuple(channels), layout
 
 
@@ -295,15 +297,22 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
 
 
 @lru_cache(maxsize=1)
-def _stored_prior() -> dict[str, Any]:
+def read_prior() -> dict[str, Any]:
+    """Return the prior as it is stored."""
     learned: dict[str, Any] = json.loads((files("hums.fleet") / PRIOR_NAME).read_text(encoding="utf-8"))
     return learned
 
 
-def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
+def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any] | None = None) -> Prior:
     """Return the usual deviations of some series; of one that no machine of the prior had, that of most others."""
-    learned = _stored_prior()
+    learned = learned or read_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
     known = learned["log_std"]
     usual = [known.get(key.indicator, float(np.median(list(known.values())))) for key in series]
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
+
+
+@lru_cache(maxsize=1)
+def limit_table() -> LimitTable:
+    """Return the limits that the healthy machines have shown, one group for each of `Layout.groups`."""
+    return LimitTable(**{name: np.array(values) for name, values in read_prior()["limits"].items()})

@@ -12,6 +12,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 
 Array = NDArray[np.float64]
@@ -19,6 +20,8 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
+_MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
+"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959; `charts`)."""
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
@@ -64,11 +67,14 @@ class Layout:
         Series of each channel that have the signal's unit, or a power of it.
     powers : (series,) array
         Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio.
+    groups : tuple of int
+        Group of the score of each component, 0 or above: scores of one group share their limits. Empty: all in one.
     """
 
     components: tuple[tuple[Indices, ...], ...]
     channels: tuple[Indices, ...] = ()
     powers: Array
+    groups: tuple[int, ...] = ()
 
     @cached_property
     def series(self) -> tuple[Indices, ...]:
@@ -107,6 +113,11 @@ class Layout:
     def sizes(self) -> Array:
         """Number of series of each component."""
         return np.array([sum(kind.size for kind in kinds) for kinds in self.components], dtype=np.float64)
+
+    @property
+    def group_of(self) -> tuple[int, ...]:
+        """Group of each score; those of levels are of the first."""
+        return (*(self.groups or (0,) * len(self.components)), *(0,) * (2 * len(self.channels)))
 
     @property
     def scores(self) -> int:
@@ -160,12 +171,6 @@ class Normal:
     score_center: Array
     score_scale: Array
 
-    def usual(self, prior: Prior) -> Array:
-        """Return the usual deviation of each score (..., scores) over the one it has; 1 where none is known."""
-        levels = [prior.level / scale for scale in self.level_scale]
-        found = np.concatenate([prior.score / self.score_scale, *levels], axis=-1)
-        return np.where(np.isfinite(found), found, 1.0)
-
     def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
         """Return a record (..., series) at covariates (..., covariates) held against the baseline.
 
@@ -174,22 +179,21 @@ class Normal:
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
-        departures = self.series.standardised(_without(values, level, self.layout), covariates)
-        departures /= _wider(self.series, covariates)
+        wider, counted = _foretold(self.series, covariates)
+        departures = self.series.standardised(_without(values, level, self.layout), covariates) / wider
         fused = fused_scores(departures, self.layout.kinds)
         before = np.zeros_like(level) if recent is None else recent
+        wider_level, counted_level = _foretold(self.raw, covariates)
         rise, fall = watched[0] / self.level_scale[0], (before - watched[1]) / self.level_scale[1]
-        levels = np.concatenate([rise, fall], axis=-1) / _wider(self.raw, covariates)
-        scores = np.concatenate([(fused - self.score_center) / self.score_scale, levels], axis=-1)
+        levels = np.concatenate([rise, fall], axis=-1) * counted_level / wider_level
+        scores = np.concatenate([(fused - self.score_center) / self.score_scale * counted, levels], axis=-1)
         after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
         return Reading(
             departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
         )
 
 
-def learn_normal(
-    values: Array, covariates: Array, layout: Layout, prior: Prior, *, shown: Array | float = 1.0
-) -> Normal:
+def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior, *, independent: float = 1.0) -> Normal:
     """Return what is normal from the records of a baseline.
 
     Parameters
@@ -202,8 +206,9 @@ def learn_normal(
         Which series belong together.
     prior : Prior
         Usual deviations.
-    shown : float or (..., 1) array
-        Share of the variance that the records show: how much their own deviations weigh against the usual ones.
+    independent : float
+        Effective number of independent records over their number: how much the records' own deviations weigh against
+        the usual ones.
 
     Returns
     -------
@@ -217,7 +222,7 @@ def learn_normal(
     records = values.shape[-2]
     if records < 2:  # noqa: PLR2004
         raise ValueError(f"a baseline of {records} records has no spread; learn it on 2 or more.")
-    learned = partial(learn_baseline, prior_dof=prior.dof, shown=shown)
+    learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
     raw = learned(values, covariates, prior_scale=prior.series)
     each = raw.per_record()
     away = each.standardised(values, covariates) * each.scale
@@ -242,9 +247,18 @@ def learn_normal(
     )
 
 
-def _wider(baseline: SeriesBaseline, covariates: Array) -> Array:
-    """Return by how much departures (..., 1) at covariates are wider than in the middle."""
-    return np.asarray(np.sqrt(1 + baseline.leverage(covariates)[..., None] / (1 + 1 / baseline.records)))
+def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
+    """Return by how much departures (..., 1) at covariates are wider than in the middle, and how much a score counts.
+
+    The error of a slope stays from record to record, so that charts which remember add it up: the EWMA that remembers
+    longest has the variance m of white scores and that of all of what is foretold. Limits allow for the mean of the
+    latter over the baseline's own records, (1 + slopes) / n; where it is larger, scores count less, so that the
+    variance of the EWMA stays. The more records, the less that is.
+    """
+    leverage, records = baseline.leverage(covariates)[..., None], baseline.records
+    allowed, there = (1 + baseline.regressors) / records, 1 / records + leverage
+    counted = np.sqrt(np.minimum(1.0, (_MEMORY + allowed[..., None]) / (_MEMORY + there)))
+    return np.sqrt(1 + leverage / (1 + 1 / records)), np.asarray(counted)
 
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:

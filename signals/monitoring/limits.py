@@ -1,21 +1,15 @@
-"""Limits of control charts for a stated rate of false alarms, with what a baseline leaves uncertain in them.
+"""Limits of control charts for a stated rate of false alarms, with the uncertainty of the baseline in them.
 
-A baseline of few records, which depend on each other, leaves mean, deviation and memory of a score uncertain; limits
+A baseline of few records, which depend on each other, leaves the mean and the deviation of a score uncertain; limits
 that leave that out give several times the stated rate of false alarms (Jensen, Jones-Farmer, Champ and Woodall 2006,
-J. Qual. Technol. 38(4), 349-364). Here limits are quantiles of what is foretold of later records. An alarm by two of
-three records needs the mean of two values of a chart, z, to reach the limit u. For each model j of scatter and memory,
-with the posterior probability p_j, that mean is a normal variable about the baseline's mean, so that
-
-    sum_j p_j P(N > u / s_j) = q,    s_j^2 = var_j(mean of two of z) + var_j(mean of the baseline)
-
-q is the stated probability of an alarm in a record for single values. An EWMA of weight l exceeds its limit in runs,
-since it stays where it is for about 1 / l records, and its q is larger by l^(-1/2) (our choice, with which all charts
-together raise at most as many alarms as stated).
+J. Qual. Technol. 38(4), 349-364). A table has the limits at which healthy machines, each with its own baseline of as
+many records, raised the stated number of alarms.
 
 Alarms are those of the EWMAs. The CUSUM says since when a score rises: where the mean of a baseline is off by more than
 its allowance it grows for ever, so that a limit which few machines reach is far beyond those of the EWMAs.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +17,52 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from signals.monitoring.charts import Charts, ChartState
-from signals.monitoring.memory import Memory
 
 Array = NDArray[np.float64]
 OF, WITHIN = 2, 3  # records at the limit that raise an alarm: what a single one shows is left out
 AT_ONCE = 2.0  # index at which a single record does
+_OF_A_SLOPE = 0.5
+"""Error of a slope in what is foretold at the usual covariates, over that of the mean. It is 1 for white scores; for
+what drifts the autocorrelations of score and covariate multiply: with a drift of 15 % of the variance, of states of
+which half is correlated over 5 and half over 50 records, 0.4."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitTable:
+    """Limits that healthy machines have shown.
+
+    Attributes
+    ----------
+    baselines : (baselines,) array
+        Independent records that a baseline was learned on.
+    every : (rates,) array
+        Mean records between false alarms of one score.
+    limits : (groups, baselines, rates, ewmas) array
+        Of each EWMA, in deviations of the score, for each group of scores that are alike in health.
+    allowances : (baselines,) array
+        Of the CUSUM: half a deviation, and what the mean may be off.
+    """
+
+    baselines: Array
+    every: Array
+    limits: Array
+    allowances: Array
+
+    def at(self, independent: Array, every: float, groups: tuple[int, ...]) -> Array:
+        """Return the limits (ewmas, scores) for baselines of `independent` records (scores,), between the table's."""
+        logs = np.log(self.limits)
+        low, share = _place(np.array(every), self.every)
+        logs = logs[:, :, low] + share * (logs[:, :, low + 1] - logs[:, :, low])
+        low, share = _place(independent, self.baselines)
+        group, share = np.array(groups), share[:, None]
+        return np.asarray(np.exp(logs[group, low] + share * (logs[group, low + 1] - logs[group, low])).T)
+
+
+def _place(value: Array, grid: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return after which points of a grid values lie, at most the last but one, and how far on in its logarithm."""
+    place = np.interp(np.log(value), np.log(grid), np.arange(grid.size))
+    low = np.minimum(place.astype(np.int64), grid.size - 2)
+    return low, place - low
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,16 +94,26 @@ class MachineLimits:
     def headroom(self, baseline: Array) -> Array:
         """Return by how much limits (scores,) are wider for scores with an alarm in their baseline (records, scores).
 
-        An alarm that the records of a baseline raise by the rule m of n shows that bursts are normal there: limits are
-        then twice the index that it had (our choice: few bursts tell little of how large they get), and the index of
-        later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves out, do not
-        count.
+        An alarm that the records of a baseline raise by the rule m of n shows that bursts are normal there, and the
+        index of later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves out, do
+        not count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
+        mean; the next one then exceeds u + x with the probability (1 + x/s)^-k (predictive distribution with a prior
+        flat in the logarithm of the mean; Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is
+        that at which the rule raises bursts at the stated rate, where they come independently, in a share
+        (k + 1/2) / (n + 1) of the records (Jeffreys' prior).
         """
-        if len(baseline) < WITHIN:
+        records = baseline.shape[0]
+        if records < WITHIN:
             return np.ones(baseline.shape[1:])
-        windows = np.sort(sliding_window_view(np.nan_to_num(baseline) / self.limits[0], WITHIN, axis=0), axis=-1)
-        reached = windows[..., -OF].max(axis=0)
-        return np.where(reached >= 1, 2 * reached, 1.0)
+        over = np.nan_to_num(baseline) / self.limits[0] - 1
+        windows = np.sort(sliding_window_view(over, WITHIN, axis=0), axis=-1)
+        alarmed = windows[..., -OF].max(axis=0) >= 0
+        count, total = (over >= 0).sum(axis=0), np.maximum(over, 0).sum(axis=0)
+        ways = math.comb(WITHIN - 1, OF - 1)  # of a window that ends with a burst
+        exceeded = (self.every_records * ways) ** (-1 / OF)  # probability of a record that the rate allows
+        share = (count + 0.5) / (records + 1)
+        beyond = total * ((share / exceeded) ** (1 / np.maximum(count, 1)) - 1)
+        return np.asarray(np.where(alarmed, 1 + np.maximum(beyond, 0), 1.0))
 
     def bursts(self, baseline: Array) -> NDArray[np.bool_]:
         """Return whether a record of the baseline (records, ..., scores) would raise an alarm by itself."""
@@ -80,46 +125,31 @@ class MachineLimits:
         return float(self.every_records * 10 ** exponent.min())
 
 
-def machine_limits(memory: Memory, every_records: float, *, slopes: float = 0.0) -> MachineLimits:
+def machine_limits(
+    table: LimitTable, independent: Array, every_records: float, groups: tuple[int, ...], *, slopes: float = 0.0
+) -> MachineLimits:
     """Return the limits of all scores of a machine, each of which raises an alarm equally seldom.
 
     Parameters
     ----------
-    memory : Memory
-        What the baseline tells of the scores.
+    table : LimitTable
+        What healthy machines have shown.
+    independent : (scores,) array
+        Independent records that the baseline of each score was learned on.
     every_records : float
         Mean number of records between false alarms of the machine, over all its scores.
+    groups : tuple of int
+        Group of each score.
     slopes : float
-        Effective number of slopes on covariates that were learned on the baseline, too: each makes what is foretold at
-        the usual covariates as uncertain as the mean does.
+        Effective number of slopes on covariates that were learned on them, too: limits are those of a baseline of
+        n / (1 + slopes / 2) records.
     """
-    each, of_mean = every_records * memory.weight.shape[1], memory.of_mean * (1 + slopes)
-    weights = np.array(Charts().weights)[:, None]
-    filters = weights * (1 - weights) ** np.arange(memory.lags.shape[1])
-    scale = np.sqrt([memory.filtered(np.convolve(one, [0.5, 0.5])) + of_mean for one in filters])
-    above = np.minimum(1 / (np.sqrt(weights) * each), 0.4)
-    usual = np.sqrt(memory.usual)
-    limits, decade = (usual * _quantile(memory.weight, scale, chance) for chance in (above, 0.1 * above))
-    off = float(np.median(usual * np.sqrt(of_mean @ memory.weight)))
+    records, each = np.asarray(independent) / (1 + _OF_A_SLOPE * slopes), every_records * len(groups)
+    limits = table.at(records, each, groups)
+    allowance = float(np.interp(np.median(records), table.baselines, table.allowances))
     return MachineLimits(
-        charts=Charts(allowance=0.5 + 2 * off),  # half a deviation, and what the mean may be off
+        charts=Charts(allowance=allowance),
         limits=limits,
         every_records=each,
-        decades=(decade / limits - 1)[0],
+        decades=(table.at(records, 10 * each, groups) / limits - 1)[0],
     )
-
-
-def _quantile(weight: Array, scale: Array, above: Array) -> Array:
-    """Return the values (ewmas, scores) that mixtures of normal variables exceed with a probability (ewmas, 1).
-
-    `weight` (models, scores) is that of normal variables with deviations `scale` (ewmas, models).
-    """
-    from scipy.special import ndtr, ndtri  # noqa: PLC0415 - slow to import
-
-    high = np.broadcast_to(-ndtri(above) * scale.max(axis=1)[:, None], (len(scale), weight.shape[1]))
-    low = np.zeros_like(high)
-    for _ in range(14):  # to 0.006 % of the widest model's
-        middle = (low + high) / 2
-        exceeds = np.einsum("ms,ems->es", weight, ndtr(-middle[:, None] / scale[..., None])) > above
-        low, high = np.where(exceeds, middle, low), np.where(exceeds, high, middle)
-    return high

@@ -95,14 +95,15 @@ def learn_baseline(
     *,
     prior_scale: Array | float = math.nan,
     prior_dof: float = 0.0,
-    shown: Array | float = 1.0,
+    least_share: float = 0.5,
+    independent: float = 1.0,
 ) -> SeriesBaseline:
     """Return the baseline of series from the records it is learned on.
 
     Parameters
     ----------
     values : (..., records, series) array
-        The series; NaN where a record has no value. One with a value in fewer than half of them has no baseline.
+        The series; NaN where a record has no value.
     covariates : (..., records, covariates) array
         What the records were made at; none: (..., records, 0). A covariate that does not change, or with fewer than
         ten records for each, has no slope.
@@ -111,8 +112,10 @@ def learn_baseline(
     prior_dof : float
         Weight of the usual one, as a number of records: variances are averaged as in a scaled inverse chi-squared
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
-    shown : float or (..., 1) array
-        Share of the variance that the records show, by which their number is less as the weight of their deviation.
+    least_share : float
+        Share of the records in which a series has to have a value.
+    independent : float
+        Effective number of independent records over their number, which a deviation's weight against the usual one has.
 
     Returns
     -------
@@ -138,14 +141,14 @@ def learn_baseline(
         errors, regressors = _slope_errors(design, precision)
         scale = scale * np.sqrt((known - 1) / np.maximum(known - 1 - regressors[..., None], 1))
     usual = np.broadcast_to(np.asarray(prior_scale, dtype=np.float64), scale.shape)
-    own = shown * np.maximum(known - 1 - regressors[..., None], 0)
+    own = independent * np.maximum(known - 1 - regressors[..., None], 0)
     weighted = np.where(np.isfinite(usual), prior_dof, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = (np.where(own > 0, own * scale**2, 0) + np.where(weighted > 0, weighted * usual**2, 0)) / (
             own + weighted
         )
     pooled = np.sqrt(mean)
-    watched = (2 * known >= max(2, records)) & (pooled > 0)
+    watched = (known >= max(1.0, least_share * records)) & (pooled > 0)
     return SeriesBaseline(
         center=np.where(watched, center, np.nan),
         scale=np.where(watched, pooled, np.nan),

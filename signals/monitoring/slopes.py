@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.monitoring.memory import correlations
+
 Array = NDArray[np.float64]
 FEWEST = 5  # values of which a slope is given: three beyond its two unknowns
 _MOST_GROUPS = 100  # of records, of which longer series are the medians: what a test costs grows with their number
 _MEMORIES = np.geomspace(0.01, 1.0, 5)  # over the time watched
-_SHARES = (0.5, 0.99)  # of the variance that has a memory
 _GROWTH = 6.0  # e-foldings over the time watched
 _USUAL_DRIFT = 3.0  # deviations (our choice; see `error_models`)
 
@@ -155,9 +156,7 @@ def error_models(times: bytes, drifts: tuple[float, ...] = (0.0,), *, white: flo
     """
     t = np.frombuffer(times)
     place = (t - t[0]) / np.ptp(t)
-    one, common = np.eye(t.size), np.minimum(place[:, None], place)
-    decays = np.exp(-np.abs(place[:, None] - place) / _MEMORIES[:, None, None])
-    correlation = np.stack([one, *((1 - w) * one + w * decay for w in _SHARES for decay in decays)])
+    correlation, common = correlations(np.abs(place[:, None] - place), _MEMORIES), np.minimum(place[:, None], place)
     slow, drift = len(correlation) - 1, np.tile(drifts, len(correlation))
     covariance = np.repeat(correlation, len(drifts), axis=0) + drift[:, None, None] ** 2 * common
     root = np.linalg.cholesky(covariance)

@@ -11,15 +11,13 @@ in 10,000 records.
 import matplotlib.pyplot as plt
 import numpy as np
 
+from hums.fleet.series import limit_table
 from signals.monitoring.limits import machine_limits
-from signals.monitoring.memory import learn_memory
 
 records, began = np.arange(120), 60
 growth = 0.1 * np.clip(records - began, 0, None)
-rng = np.random.default_rng(1)
-scores = rng.normal(size=records.size) + growth
-days_s, baseline = 86_400.0 * np.arange(30), rng.normal(size=(30, 1))
-limits = machine_limits(learn_memory(baseline - baseline.mean(), days_s, prior_scale=1.0), 10_000)
+scores = np.random.default_rng(1).normal(size=records.size) + growth
+limits = machine_limits(limit_table(), np.array([30.0]), 10_000, (0,))
 state, charts, index = limits.charts.start((1,)), [], []
 for score in scores:
     state = limits.charts.step(state, np.array([score]))

@@ -81,6 +81,6 @@ def test_the_evidence_of_each_part_of_a_bearing_is_a_score_of_its_own():
         )
     )
     names, _, layout = layout_of(keys)
-    assert names == ("bearing",) * 3
+    assert (names, layout.groups) == (("bearing",) * 3, (0, 1, 1))
     departures = np.array([3.0 * (key.kind == "outer_race" and key.indicator == "modulation") for key in keys])
     assert fused_scores(departures, layout.kinds) == pytest.approx(np.array([3.0, 0.0, 3.0]))

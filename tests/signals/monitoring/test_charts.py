@@ -66,6 +66,11 @@ def test_a_stray_record_counts_little_in_what_remembers_it_and_a_lasting_change_
     assert lasting.values == pytest.approx([20.0, 0.6 + 0.2 * 19.4, 22.0])
 
 
+def test_the_first_chart_is_the_latest_score():
+    with pytest.raises(ValueError, match="begin with 1"):
+        Charts(weights=(0.2,))
+
+
 def test_the_cusum_says_since_when():
     charts, state = Charts(allowance=0.5), Charts().start()
     for score in (0.0, 5.0, -9.0, 0.2, 2.0, 2.0, 2.0):

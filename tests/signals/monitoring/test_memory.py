@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from signals.monitoring.memory import learn_memory
+from signals.monitoring.memory import independent_records
 
 HOUR_S = 3600.0
 
@@ -15,50 +15,33 @@ def process(records, step_s, memory_s, seed, series=200):
     return found, step_s * np.arange(records)
 
 
-def learned(scores, times):
-    return learn_memory(scores, times, prior_scale=1.0)
+def test_records_far_apart_count_fully():
+    assert np.median(independent_records(*process(30, 86400.0, HOUR_S, 1))) > 0.9 * 30
 
 
-def of_mean(memory):
-    return np.median(memory.of_mean @ memory.weight)
+def test_a_memory_that_many_records_show_has_the_number_of_its_process():
+    scores, times = process(100, 300.0, HOUR_S, 2)
+    decay, lags = np.exp(-300.0 / HOUR_S), np.arange(1, 100)
+    expected = 100 / (1 + 2 * ((1 - lags / 100) * decay**lags).sum())  # Bayley and Hammersley 1946
+    assert np.median(independent_records(scores, times)) == pytest.approx(expected, rel=0.35)
 
 
-@pytest.mark.parametrize(("records", "step_s", "memory_s"), [(30, 86400.0, 0.0), (100, 86400.0, 10 * 86400.0)])
-def test_the_uncertainty_of_the_mean_is_at_least_that_of_its_process(records, step_s, memory_s):
-    decay, lags = np.exp(-step_s / memory_s) if memory_s else 0.0, np.arange(1, records)
-    expected = (1 + 2 * ((1 - lags / records) * decay**lags).sum()) / records  # Bayley and Hammersley 1946
-    assert 0.9 * expected < of_mean(learned(*process(records, step_s, memory_s, 2))) < 6 * expected
+def test_the_shorter_the_memory_the_more_they_count():
+    found = [np.median(independent_records(*process(100, 300.0, hours * HOUR_S, 5))) for hours in (0.0, 0.1, 1.0, 10.0)]
+    assert found == sorted(found, reverse=True)
+    assert found[0] > 3 * found[2]
 
 
-def test_close_records_leave_the_mean_uncertain_and_hide_a_part_of_the_variance():
-    apart, close = (learned(*process(30, step, HOUR_S, 1)) for step in (86400.0, 100.0))
-    assert of_mean(close) > 2 * of_mean(apart)
-    assert np.median(close.shown) < 0.7 * np.median(apart.shown)
+def test_few_close_records_are_held_between_one_and_all():
+    white, slow = (np.median(independent_records(*process(7, 100.0, memory, 3))) for memory in (0.0, 10 * HOUR_S))
+    assert 1 < slow < white < 7
 
 
-def test_the_longer_the_memory_the_less_certain_the_mean():
-    found = [of_mean(learned(*process(100, 3600.0, hours * HOUR_S, 5))) for hours in (0.0, 3.0, 30.0)]
-    assert found[0] < found[1] < found[2]
-
-
-def test_a_moving_average_of_white_scores_has_the_variance_of_its_weights():
-    memory = learned(*process(30, 86400.0, 0.0, 6))
-    white = memory.drift == 0
-    assert memory.filtered(np.full(4, 0.25))[white] == pytest.approx(memory.white[white] / 4)
-
-
-def test_a_moving_average_of_what_stays_is_what_stays():
-    memory = learned(*process(10, 1.0, 0.0, 6))  # a second apart: within half an hour nothing changes
-    variance = memory.filtered(np.full(4, 0.25)) - memory.white / 4
-    assert variance == pytest.approx(memory.drift, rel=0.01)
-
-
-def test_without_times_records_are_a_day_apart():
+def test_without_times_all_count():
     scores, _ = process(12, 1.0, 0.0, 4)
-    assert of_mean(learned(scores, np.full(12, np.nan))) == of_mean(learned(scores, 86400.0 * np.arange(12)))
+    assert (independent_records(scores, np.full(12, np.nan)) == 12).all()
 
 
 def test_what_does_not_vary_and_equal_times_have_a_number():
-    found = learned(np.zeros((5, 2)), np.zeros(5))
-    assert np.isfinite(found.weight).all()
-    assert found.weight.sum(axis=0) == pytest.approx(1)
+    found = independent_records(np.ones((5, 2)), np.zeros(5))
+    assert ((found >= 1) & (found <= 5)).all()
