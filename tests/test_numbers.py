@@ -17,12 +17,8 @@ from attacks.call_cases import all_cases, exported
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 
 from signals import (
-    angular_blocks,
-    angular_resample,
     cepstrum_prewhitening,
     quadrature_direction,
-    shaft_phase,
-    stream_envelope,
     track_orders,
 )
 
@@ -116,20 +112,6 @@ def test_a_masked_value_is_as_one_that_is_not_a_number(cases):
                 if outcome(case, **{name: masked}) != outcome(case, **{name: masked.filled(np.nan)}):
                     wrong.append(f"{case.function.__name__}, {name}")
     assert not wrong
-
-
-@pytest.mark.parametrize("size", [1, 1000])
-def test_streams_equal_whole_records(size):
-    # ends included, and at every size of block
-    x, phase = X, shaft_phase(np.arange(26) / 8)
-    blocks = [x[first : first + size] for first in range(0, x.size, size)]
-    whole = angular_resample(x, rate_hz=RATE_HZ, phase=phase, samples_per_rev=64)
-    stream = angular_blocks(blocks, rate_hz=RATE_HZ, phase=phase, samples_per_rev=64)
-    np.testing.assert_array_equal(np.concatenate([turn.values for turn in stream]), whole.values)
-    envelopes = [
-        np.concatenate(list(stream_envelope(parts, rate_hz=RATE_HZ, band_hz=(400.0, 800.0)))) for parts in (blocks, [x])
-    ]
-    np.testing.assert_array_equal(*envelopes)
 
 
 def test_a_read_only_array_compiles_nothing():

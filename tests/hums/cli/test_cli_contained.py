@@ -45,6 +45,10 @@ def hook(event, args):
         path, writes = os.path.realpath(os.fsdecode(args[0])), (args[2] or 0) & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
         if writes and "__pycache__" not in path and not path.startswith(tuple(inside)):
             os.write(2, f"AUDIT {event} {path}\\n".encode())
+    if event == "os.mkdir":
+        made = os.path.realpath(os.fsdecode(args[0]))
+        if "__pycache__" not in made and not made.startswith(tuple(inside)):
+            os.write(2, f"AUDIT {event} {made}\\n".encode())
 
 sys.addaudithook(hook)
 hums.jobs.Processes = lambda **_: hums.jobs.Serial()

@@ -1,8 +1,6 @@
 """The commands that draw, in process: which files they write, what they print, and how they fail."""
 
-import logging
 import math
-import sys
 
 import pytest
 
@@ -34,15 +32,6 @@ def test_drawing_of_one_picture_and_of_a_page(run, tmp_path):
     assert "turning pair" in (tmp_path / "g.svg").read_text(encoding="utf-8")
     code, _, err = run("drawing", "two-stage", "-o", tmp_path / "m.jpg")
     assert (code, "a figure ends in .svg, .png or .pdf" in err, (tmp_path / "m.jpg").exists()) == (2, True, False)
-
-
-def test_pictures_say_what_they_draw_on_a_terminal(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(logging.getLogger("hums"), "handlers", [])
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    assert "hums: drawing x.svg\n" in run("drawing", "two-stage", "-o", tmp_path / "x.svg")[2]
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
-    monkeypatch.setattr(logging.getLogger("hums"), "handlers", [])
-    assert run("drawing", "two-stage", "-o", tmp_path / "x.svg")[2] == ""
 
 
 def test_dynamics_of_a_gearbox(run, tmp_path):

@@ -103,21 +103,6 @@ def test_an_average_in_angle(run, described, tmp_path):
         assert said in err
 
 
-def test_a_time_column_and_a_measured_speed(run, described, tmp_path):
-    lines = ["when,vib,rpm", *(f"2020-01-01T01:00:{i // 100:02d}+01:00,{i},{1500 + i % 3}" for i in range(1000))]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
-    words = ("convert", tmp_path / "a.csv", tmp_path / "a.h5", "--channel", "vib", "--units", "g", "--rate-hz", 100)
-    told = described('speed_column = "rpm"', 'speed_units = "rpm"', 'shaft = "input"', 'time_column = "when"')
-    code, out, _ = run(*words, *told)
-    assert code == 0
-    assert "recorded at  2020-01-01T00:00:00Z" in out
-    assert "speed        1501 rpm of input" in out.replace("1500.99", "1501").replace("1501.0 ", "1501 ")
-    (tmp_path / "a.csv").write_text("\n".join([*lines, "2020-01-01T01:00:10+01:00,0,1600"]))
-    code, _, err = run(*words, *told)
-    assert code == 1
-    assert 'the speed "rpm" deviates by 6.6% from its mean' in err
-
-
 def test_units_of_each_channel_and_what_decides_a_contradiction(run, tmp_path):
     rows = "".join(f"{k / 1008:.6f},{k},{-k}\n" for k in range(3000))
     (tmp_path / "a.csv").write_text(f"time (s),DE,ND\n{rows}")

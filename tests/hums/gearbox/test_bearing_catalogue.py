@@ -16,24 +16,7 @@ from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning
 # Factors of deep groove ball bearings by ball over pitch diameter: f_c of ISO 281 (table 2), f_0 of ISO 76 (table 1)
 RATIOS = [0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.22, 0.24, 0.26, 0.28, 0.3]
 F_C = [46.7, 49.1, 51.1, 52.8, 54.3, 55.5, 57.5, 58.8, 59.6, 59.9, 59.9, 59.6, 59.0, 58.2, 57.1, 56.0]
-F_0 = [
-    15.2,
-    14.9,
-    14.7,
-    14.4,
-    14.2,
-    14.0,
-    13.7,
-    13.5,
-    13.2,
-    13.0,
-    12.8,
-    12.5,
-    12.3,
-    12.1,
-    11.8,
-    11.6,
-]  # at ratios of 0.15, 0.16 and so on
+F_0 = [15.2, 14.9, 14.7, 14.4, 14.2, 14.0, 13.7, 13.5, 13.2, 13.0, 12.8, 12.5, 12.3, 12.1, 11.8, 11.6]  # from 0.15 on
 RATED = [
     row
     for row in csv.DictReader((files("hums.gearbox") / "bearing_series.csv").read_text(encoding="utf-8").splitlines())
