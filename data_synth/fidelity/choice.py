@@ -1,7 +1,7 @@
 """Model of gears that vibrate: integrated in time, or the lines of their linear response where these come near enough.
 
-What the linear response lacks is estimated from that response itself: the first term of the vibration times the change
-of stiffness, and how lines lag behind a speed that changes.
+What the linear response lacks is estimated from that response itself: the vibration of other meshes times the change of
+a stiffness, and how lines lag behind a speed that changes.
 """
 
 import math
@@ -99,6 +99,11 @@ class _Estimate:
         return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
 
     @cached_property
+    def _excitations(self) -> list[ComplexArray]:
+        """Lines of the excitation in N of each mesh at each instant."""
+        return [line for force in self._forces for line in self._response.excitations(force, self._instants).T]
+
+    @cached_property
     def _places(self) -> list[tuple[int, ToothForces, int, Array]]:
         """Every mesh at every instant: its number, its force, the instant, and the frequencies of its lines in Hz."""
         speed_hz = self.motion.stage.speed_hz
@@ -117,8 +122,8 @@ class _Estimate:
     def _deflections(self) -> list[ComplexArray]:
         """Lines of the deflections of all meshes in m, (mesh, line), by the force of each mesh at each instant."""
         return [
-            self._response.deflections_by(mesh, frequency_hz) * force.at(instant)
-            for mesh, force, instant, frequency_hz in self._places
+            self._response.deflections_by(mesh, frequency_hz) * excitation
+            for (mesh, _, _, frequency_hz), excitation in zip(self._places, self._excitations, strict=True)
         ]
 
     def _mean(self, lines: list[ComplexArray]) -> Array:
@@ -133,23 +138,21 @@ class _Estimate:
             return True
         static_n = np.abs(self.motion.static_n)
         total = np.zeros(static_n.shape)
-        for (mesh, force, instant, _), deflections in zip(self._places, self._deflections, strict=True):
+        for (mesh, _, instant, _), deflections, excitation in zip(
+            self._places, self._deflections, self._excitations, strict=True
+        ):
             lines = self._response.means[:, None] * deflections
-            lines[mesh] += force.at(instant)  # k (delta - e) = k_mean delta + p
+            lines[mesh] += excitation  # k (d - e) = k_mean d + q
             total[:, instant] += np.sum(np.abs(lines), axis=1)
         free = [mesh.backlash_m > 0 for mesh in self.motion.system.meshes]
         return bool(np.any((total >= static_n)[free][:, self._instants]))
 
     def error_db(self, *, enough_db: float) -> float:
         """Return the error of the worst channel over its RMS in dB; above `enough_db` only a lower bound."""
-        power = self._mean(
-            [
-                each * force.at(instant)
-                for each, (_, force, instant, _) in zip(self._transfers, self._places, strict=True)
-            ]
-        )
+        both = zip(self._transfers, self._excitations, strict=True)
+        power = self._mean([transfer * excitation for transfer, excitation in both])
         error, error_db = np.zeros(power.size), -math.inf
-        for part in (self._own_variation, self._lag, self._other_variation):
+        for part in (self._lag, self._other_variation):
             error = error + part()
             with np.errstate(divide="ignore"):
                 ratio = math.sqrt(np.max(error[error > 0] / power[error > 0], initial=0.0))
@@ -160,21 +163,11 @@ class _Estimate:
                 break
         return error_db
 
-    def _own_variation(self) -> Array:
-        """Return what the stiffness of a mesh makes of the vibration by its own force."""
-        means, found = self._response.means, []
-        for (mesh, force, instant, _), transfer, deflections in zip(
-            self._places, self._transfers, self._deflections, strict=True
-        ):
-            more = force.parametric_force(deflections[mesh], instant, mean=float(means[mesh]))
-            found.append(transfer * more)
-        return self._mean(found)
-
     def _other_variation(self) -> Array:
         """Return what the stiffness of a mesh makes of the vibration by other meshes.
 
         Lines at unlike orders: the product has its power anywhere, so the gain is a mean over all frequencies. Beside
-        the convolution of both spectra this leaves 1.5 dB of the sum with what a mesh makes of its own vibration.
+        the convolution of both spectra this leaves 1.5 dB.
         """
         scene, found = self.motion.stage.scene, np.zeros(len(self.motion.stage.scene.sensors))
         grid_hz = np.linspace(0.0, scene.rate_hz / 2, _BINS)
@@ -197,8 +190,10 @@ class _Estimate:
         if len(self._instants) == 1:
             return np.zeros(len(stage.scene.sensors))
         found = []
-        for (mesh, force, instant, frequency_hz), middle in zip(self._places, self._transfers, strict=True):
+        for (mesh, _, instant, frequency_hz), middle, excitation in zip(
+            self._places, self._transfers, self._excitations, strict=True
+        ):
             low, high = (self._response.channels(mesh, frequency_hz * factor) for factor in (1 - share, 1 + share))
             late = rates[instant] / (2 * np.pi * frequency_hz * stage.speed_hz[instant] * share**2)
-            found.append(late / 2 * (low - 2 * middle + high) * force.at(instant))
+            found.append(late / 2 * (low - 2 * middle + high) * excitation)
         return _MODES_PASSED * self._mean(found)

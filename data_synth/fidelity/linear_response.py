@@ -1,18 +1,21 @@
 """Linear response of gears to their mesh excitation: the spectral lines of each mesh in the channels.
 
 Under the static force F, teeth of stiffness k and transmission error e, which follow the mesh phase, deflect by
-F / k + e.
-On a spring of the mean stiffness, the same deflection is caused by a force
+F / k + e. On a spring of the mean stiffness, the same deflection is caused by a force
 
     p = F (1 - k_mean / k) - k_mean e
 
 along the line of action: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
-Vib. 125, 71). It leaves out the parametric excitation by k times the vibration, whose first term is
-`ToothForces.parametric_force`.
+Vib. 125, 71). Gears that vibrate deflect by d, and the force on the spring of the mean stiffness is
+
+    q = k (d - e) - k_mean d
+
+whose periodic solution `Response.excitation` finds: the parametric excitation of a mesh by its own vibration, and
+teeth that lose contact. What is left out is that by the vibration of other meshes.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -35,6 +38,11 @@ _LINES_OF_CYCLE = 8  # of a mesh cycle, at least, that points are for
 MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
 _LONGEST = 256  # mesh cycles of a period: each is a line apart
 _NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
+_SPEED_STEP, _SLOW = 0.02, 0.2
+"""Of the speed, between two at which vibration is found: a mode of damping 0.02 is passed in two; and of the top speed,
+below which it is that of so much."""
+_TAKES_PART = 1e-4  # of the compliance of a mesh: modes with less of it deflect statically
+_CONTACTS, _SETTLED = 60, 0.02  # times that the contact of teeth is found again, at most, and its change at the last
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +61,7 @@ class ToothForces:
     static_n : (instant,) array
         Static force at the instants of the truth.
     stiffness, error : (point,) arrays
-        k in N/m and e in m at equidistant phases of a period.
+        k in N/m and e in m at equidistant phases of a period, `COARSE` to a period of the highest line.
     """
 
     mesh: str
@@ -68,19 +76,6 @@ class ToothForces:
     def orders(self) -> Array:
         """Orders of all lines, (line,)."""
         return np.asarray(float(self.base_order) * np.arange(1, self.loaded.size + 1))
-
-    def at(self, instant: int) -> ComplexArray:
-        """Return the complex amplitudes of p at an instant in N, (line,)."""
-        return np.asarray(self.static_n[instant] * self.loaded + self.unloaded)
-
-    def parametric_force(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
-        """Return the lines (line,) in N of the parametric force by dynamic deflections with lines (line,) in m."""
-        static = self.static_n[instant]
-        p = static * (1 - mean / self.stiffness) - mean * self.error
-        deflection_values = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
-        return spectral_lines(
-            self.stiffness * (deflection_values - self.error) - mean * deflection_values - p, deflection.size
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,24 +127,72 @@ class Response:
     def lines(self, forces: ToothForces) -> ComplexArray:
         """Return the complex amplitudes in the channels of the lines of a mesh, (sensor, line, instant).
 
-        Lines below half the mesh order change the load on the teeth slowly: it makes the sidebands that it would make
-        as a static force.
+        Raises
+        ------
+        SceneError
+            If the change of the stiffness makes the motion grow.
         """
-        stage = self.motion.stage
-        number = [mesh.name for mesh in self.motion.system.meshes].index(forces.mesh)
-        cycles = stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order
-        slow = np.arange(1, forces.orders.size + 1) < float(cycles / 2)
-        varying = 1 - self.means[number] / forces.stiffness
-        outputs = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
+        stage, number = self.motion.stage, self._number(forces)
+        excitations = self.excitations(forces)
+        outputs = np.empty((len(stage.scene.sensors), *excitations.shape), dtype=np.complex128)
         for instant, speed_hz in enumerate(stage.speed_hz):
             if instant == 0 or speed_hz != stage.speed_hz[instant - 1]:
                 transfer = self.channels(number, forces.orders * speed_hz)
-                load = slow * (1 + self.means[number] * self.deflections_by(number, forces.orders * speed_hz)[number])
-            p = forces.at(instant)
-            if slow.any():
-                p += spectral_lines(_waveform(load * p, varying.size) * varying, p.size)
-            outputs[:, :, instant] = transfer * p
+            outputs[:, :, instant] = transfer * excitations[:, instant]
         return outputs
+
+    def _number(self, forces: ToothForces) -> int:
+        return [mesh.name for mesh in self.motion.system.meshes].index(forces.mesh)
+
+    def excitations(self, forces: ToothForces, instants: Sequence[int] | slice = slice(None)) -> ComplexArray:
+        """Return the lines of q, (line, instant) in N: those of p, and what vibration adds, linear between speeds."""
+        speeds_hz = np.abs(self.motion.stage.speed_hz[instants])
+        place = np.log(np.maximum(speeds_hz, _SLOW * np.max(speeds_hz))) / _SPEED_STEP
+        grid = np.linspace(np.min(place), np.max(place), math.ceil(np.ptp(place)) + 1)
+        shares = np.maximum(1 - np.abs(place[:, None] - grid) * (grid.size - 1) / max(np.ptp(grid), 1e-12), 0)
+        used = np.flatnonzero(np.any(shares, axis=0))
+        added = np.stack([self._vibration(forces, math.exp(_SPEED_STEP * grid[number])) for number in used], axis=1)
+        p = forces.static_n[instants] * forces.loaded[:, None] + forces.unloaded[:, None]
+        return np.asarray(p + added @ shares[:, used].T)
+
+    def _vibration(self, forces: ToothForces, speed_hz: float) -> ComplexArray:
+        """Return what vibration at a speed adds to the lines of p, (line,) in N.
+
+        Modes turn freely between points, at which q acts as an impulse; those that turn too far deflect statically.
+        """
+        number, forward = self._number(forces), 1 if np.sum(self.motion.stage.speed_hz) > 0 else -1
+        mean, static_n = float(self.means[number]), float(np.mean(forces.static_n))
+        stiffness, error = forces.stiffness[::forward], forces.error[::forward]
+        step_s = 1 / (float(forces.base_order) * speed_hz * stiffness.size)
+        compliances = self.deflections[number] * self.inputs[:, number] / self.poles
+        free = (np.abs(self.poles) * step_s < 1) & (np.abs(compliances) > _TAKES_PART / mean)
+        seen, kick = self.deflections[number, free], self.inputs[free, number] * step_s
+        turn = np.exp(self.poles[free] * step_s)
+        # what is left of the static compliance: teeth follow slow errors, and deflect by nearly nothing
+        rest = -float(np.sum(compliances).real + np.sum(seen * kick * turn / (1 - turn)).real)
+        parts = self.motion.system.meshes[number].backlash_m > 0 and static_n != 0
+        touching, solutions = np.ones(stiffness.size), []
+        for _ in range(_CONTACTS if parts else 1):
+            # q = k (d - e) - mean d, d = static / mean + vibration + rest q
+            change = stiffness * touching - mean
+            constant = change * static_n / mean - stiffness * touching * error
+            change, constant = (each / (1 - change * rest) for each in (change, constant))
+            vibration, growth = _periodic(change, constant, seen=seen, kick=kick, turn=turn)
+            q = change * vibration + constant
+            solutions.append((q, growth))
+            now = (static_n / mean + vibration + rest * q - error) * static_n > 0
+            if np.max(np.abs(now - touching)) < _SETTLED:
+                break
+            touching = (touching + now) / 2  # from one to the other at once, contacts would alternate
+        else:
+            q, growth = solutions[0]  # no motion was found in which they part
+        if growth >= 1:
+            raise SceneError(
+                f'the stiffness of "{forces.mesh}" makes its vibration grow at {60 * speed_hz:.4g} rpm; write '
+                'fidelity = "dynamic".'
+            )
+        p = static_n * (1 - mean / stiffness) - mean * error
+        return spectral_lines((q - p)[::forward], forces.orders.size)
 
     def deflections_by(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, line)."""
@@ -162,6 +205,36 @@ class Response:
     def _resolvent(self, frequency_hz: Array) -> ComplexArray:
         """Return the response (line, pole) of each pole to a unit of its excitation."""
         return np.asarray(1 / (2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[:, None] - self.poles))
+
+
+def _periodic(
+    change: Array, constant: Array, *, seen: ComplexArray, kick: ComplexArray, turn: ComplexArray
+) -> tuple[Array, float]:
+    """Return the periodic motion seen of modes z that impulses q = change (seen z) + constant act on, (point,).
+
+    Between points z is multiplied by `turn`. Blocks of points are integrated side by side, as maps of their start; the
+    start of the first follows from that the motion repeats itself. Last comes the factor by which a deviation grows in
+    a period.
+    """
+    modes, blocks = seen.size, math.gcd(change.size, 1 << (change.size.bit_length() // 2))
+    change, constant = change.reshape(blocks, -1), constant.reshape(blocks, -1)
+    still = np.append(np.eye(modes), np.zeros((modes, 1)), axis=1).astype(np.complex128)
+    maps = np.tile(still, (blocks, 1, 1))
+    for share, force in zip(change.T, constant.T, strict=True):
+        q = share[:, None] * (seen @ maps)
+        q[:, -1] += force
+        maps = (maps + kick[:, None] * q[:, None]) * turn[:, None]
+    at_blocks = [still]
+    for own in maps:
+        at_blocks.append(own[:, :-1] @ at_blocks[-1])
+        at_blocks[-1][:, -1] += own[:, -1]
+    over_period, pushed = at_blocks[-1][:, :-1], at_blocks[-1][:, -1]
+    start = np.append(np.linalg.solve(np.eye(modes) - over_period, pushed), 1.0)
+    z, found = np.array(at_blocks[:-1]) @ start, np.empty(change.shape)
+    for point, (share, force) in enumerate(zip(change.T, constant.T, strict=True)):
+        found[:, point] = (z @ seen).real
+        z = (z + kick * (share * found[:, point] + force)[:, None]) * turn
+    return found.ravel(), float(np.max(np.abs(np.linalg.eigvals(over_period)), initial=0.0))
 
 
 def response_of(motion: Motion) -> Response:
@@ -230,7 +303,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
         Without planets.
     name : str
     points : int
-        Values of the stiffness to a period of the highest line.
+        Values of the stiffness to a period of the highest line: a multiple of `COARSE`.
     """
     stage = motion.stage
     number = contacts_in(motion.system, name)[0]
@@ -251,8 +324,8 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
         loaded=spectral_lines(1 - mean / stiffness, lines),
         unloaded=spectral_lines(-mean * error, lines),
         static_n=motion.static_n[number],
-        stiffness=stiffness,
-        error=error,
+        stiffness=np.mean(stiffness.reshape(-1, points // COARSE), axis=1),
+        error=np.mean(error.reshape(-1, points // COARSE), axis=1),
     )
 
 
@@ -322,10 +395,6 @@ def with_lines(stage: PreparedScene, motion: Motion) -> PreparedScene:
 # ---- Damaged gears of a kinematic scene: as loud beside their mesh as in the linear response -------------------------
 
 
-_PARAMETRIC = {"tooth_crack": 1.4, "chipping": 1.15}
-"""What softer teeth add by their vibration, which the linear response lacks: fitted by benchmarks/kinematic_fit.py."""
-
-
 def with_gear_faults(stage: PreparedScene) -> tuple[PreparedScene, str]:
     """Return a kinematic stage with its gear faults by linear response, and how they came about, in words.
 
@@ -387,7 +456,7 @@ def _added_by(
     tooth = stage.scene.exact_orders("tooth")[fault.component]
     turns = -((stage.offsets[number] + float(stage.turns_before * tooth % 1)) % 1) / float(tooth) - place
     late = np.exp(-2j * np.pi * turns * forces.orders)
-    added *= _PARAMETRIC.get(fault.kind, 1.0) * late[:, None] * scale[:, None]
+    added *= late[:, None] * scale[:, None]
     weakest = _NEGLIGIBLE * float(np.max(np.abs(added)))
     return _family(added, forces, component=fault.component, kind="tooth", weakest=weakest)
 

@@ -88,15 +88,16 @@ def fault(kind, size_mm, **keys):
 
 
 @cache
-def record(fidelity, kind=None, size_mm=0.0):
+def record(fidelity, kind=None, size_mm=0.0, rpm=RPM):
     faults = [] if kind is None else [fault(kind, size_mm)]
-    made = Scene.from_mapping({**SCENE, "fidelity": fidelity, "fault": faults})
+    turning = {"speed": {"link": "pinion", "rpm": rpm}, "rate_hz": RATE_HZ * rpm / RPM}
+    made = Scene.from_mapping({**SCENE, "fidelity": fidelity, "fault": faults, **turning})
     return noise_free(made, seed=1).signal[0]
 
 
-def added(fidelity, kind, size_mm):
+def added(fidelity, kind, size_mm, rpm=RPM):
     """Faulty minus healthy, in g, before noise."""
-    return record(fidelity, kind, size_mm) - record(fidelity)
+    return record(fidelity, kind, size_mm, rpm) - record(fidelity, rpm=rpm)
 
 
 def sunk_m(kind, size_m):
@@ -137,13 +138,14 @@ def test_a_fault_is_in_the_record_grows_and_stays_under_its_limit(fidelity, kind
         assert np.max(np.abs(part)) < limit_g(kind, size)
 
 
-@pytest.mark.parametrize("kind", GEAR_SIZES)
-def test_a_kinematic_fault_is_as_loud_beside_its_mesh_as_in_motion(kind):
+# at 3600 rpm a mode of the mesh takes the teeth apart behind the gap of the missing one
+@pytest.mark.parametrize(("kind", "rpm"), [*((kind, RPM) for kind in GEAR_SIZES), ("missing_tooth", 3600)])
+def test_a_kinematic_fault_is_as_loud_beside_its_mesh_as_in_motion(kind, rpm):
     for size in GEAR_SIZES[kind]:
         motion, kinematic = (
-            np.std(added(each, kind, size)) / np.std(record(each)) for each in ("dynamic", "kinematic")
+            np.std(added(each, kind, size, rpm)) / np.std(record(each, rpm=rpm)) for each in ("dynamic", "kinematic")
         )
-        assert abs(20 * math.log10(kinematic / motion)) < 3
+        assert abs(20 * math.log10(kinematic / motion)) < 1
 
 
 def test_a_spall_narrower_than_the_face_is_quieter_than_one_across_it():
