@@ -72,7 +72,7 @@ BUDGETS = """
     signals (root)                                              560    486    400
     signals/angle                                              1111   1071    900
     signals/demodulation                                        905    870    750
-    signals/harmonics, signals/slipping_order                  4012   3211   2500
+    signals/harmonics, signals/slipping_order                  4012   3209   2500
     signals/health, signals/indicators                          955    839    800
     signals/monitoring                                         1135    645    700
     signals/resampling                                          799    796    600
@@ -96,7 +96,7 @@ BUDGETS = """
     all code lines                                            48791  41660  33500
     all modules                                                 345    287    240
     all constants                                              1492   1015    750
-    tests                                                     35938  30287  23000
+    tests                                                     35938  30133  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many
@@ -131,8 +131,8 @@ ALLOWANCES = {
         "when faults are reduced",
     ),
     "data_synth/fidelity, data_synth/vibration": (
-        81,
-        "faults of kinematic scenes by linear response, free vibration, for code removed in kinematic and sources",
+        127,
+        "kinematic faults by their periodic response, free vibration, for code removed in gears, gearbox and shaft",
         "when what auto estimates is reduced",
     ),
     "hums/analysis": (360, *ANGLE),
@@ -170,7 +170,6 @@ NO_MIRROR = {
     "test_architecture.py": "of all modules",
     "test_examples.py": "of all public names",
     "test_numbers.py": "of all public functions",
-    "test_reach.py": "of analysis and report together",
     "test_readme.py": "of the README",
     "hums/analysis/test_tachometers_together.py": "of several tachometers in one record",
     "data_synth/test_fault_effects.py": "of every fault in every fidelity",

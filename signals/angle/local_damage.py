@@ -444,7 +444,7 @@ class _Others:
         alone = self.mean * (1 + (_RISES[:, None, None] - 1) * np.eye(self.mean.size))  # (rise, raised band, band)
         local = self.local(alone.reshape(-1, self.mean.size))[0].reshape(_RISES.size, -1).max(axis=1)
         rarity = -np.log(np.maximum(local, _LEAST_TAIL))
-        return float(np.exp(np.interp(-math.log(stated), rarity, np.log(_RISES), right=math.inf)))
+        return float(np.exp(np.interp(-math.log(max(stated, _LEAST_TAIL)), rarity, np.log(_RISES), right=math.inf)))
 
 
 def _over(excess: Array, scale: Array) -> Array:

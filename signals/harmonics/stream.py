@@ -141,7 +141,12 @@ class OrderTracker:
         """
         block, phase = self._check_block(x, phase_rad)
         if self._progress is None:
-            self._progress = self._begin(len(block), one_channel=np.ndim(x) == 1)
+            channels = len(block)
+            self._progress = Progress(
+                one_channel=np.ndim(x) == 1, last_phase=np.full(len(self._shafts), np.nan),
+                state=FilterState.prior(self._model, channels=channels), innovations=Innovations(np.zeros(channels)),
+                turns=np.zeros((self._model.orders.size,) * 2), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
+            )  # fmt: skip
         now, model, samples = self._progress, replace(self._model, phases=tuple(phase)), block.shape[1]
         outputs = np.arange(-now.state.count % self._every, samples, self._every)
         closeness = self._closeness(now, phase)
@@ -193,14 +198,6 @@ class OrderTracker:
         missing = np.concatenate([now.missing, first + np.flatnonzero(~seen)])
         now.missing = missing[missing >= first + samples - farthest]
         return found
-
-    def _begin(self, channels: int, *, one_channel: bool) -> Progress:
-        """Return the state before the first sample."""
-        return Progress(
-            one_channel=one_channel, last_phase=np.full(len(self._shafts), np.nan),
-            state=FilterState.prior(self._model, channels=channels), innovations=Innovations(np.zeros(channels)),
-            turns=np.zeros((self._model.orders.size,) * 2), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
-        )  # fmt: skip
 
     def _check_block(self, x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:
         """Return (channel, sample) and (shaft, sample) arrays that continue the last block, or refuse them."""
