@@ -404,7 +404,7 @@ def _pooled_gears(parts: Sequence[_Part]) -> list[GearJudgement]:
             rows.setdefault(row.component, []).append((row, part.turns))
     pooled = []
     for some in rows.values():
-        judged = [(row, turns) for row, turns in some if row.judgeable] or some[:1]
+        judged = [(row, turns) for row, turns in some if not row.not_judged] or some[:1]
         place = weighted_median([row.strength for row, _ in judged], [turns for _, turns in judged])
         pooled.append(judged[place][0])
     return most_conspicuous(pooled)

@@ -1,29 +1,29 @@
 """Significance of measured lines, and attribution of each line to its strongest explanation.
 
-The rule, fixed on the wind turbine and CWRU records:
+The rules, fixed on the wind turbine and CWRU records:
 
-1. A line is *detected* when the probability that noise alone exceeds it, at any line of the record that can raise a
+1. A line is *detected* if the probability that noise alone exceeds it, at any line of the record that can raise a
    finding, is below the false-alarm probability of the settings.
 2. Detected lines are assessed in descending order of level (amplitude over background; a bearing's with its harmonics
    and sidebands). A detected line is *significant* (column ``claimed``) unless one of these explains it:
 
-   - leakage: through the window, a larger line contributes half of its amplitude or more; to a sideband, a line of the
-     mains, constant in Hz, while the speed passes it;
-   - a bearing line is no peak: the spectrum still rises at the edge of the searched range;
+   - leakage: through the window, a larger line contributes half of its amplitude or more; for a sideband, also a line
+     of the mains, constant in Hz, that the speed passes;
+   - a bearing line is no peak: the spectrum still rises at the edge of the search range;
    - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
      spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
-     order of one race is itself such a multiple for the other race; there the weaker line is explained only below a
-     third of the stronger, since comparable lines on both races are evidence of two defects. Unequal elements produce
-     a line at the cage order, and what is below a third of another defect of the same bearing is hidden by it: impacts
-     of one spot excite lines at the orders of the others;
+     order of one race is itself such a multiple for the other race; there the weaker line is explained only if it is
+     below a third of the stronger, since comparable lines on both races are evidence of two defects. Unequal elements
+     produce a line at the cage order, and any line below a third of another defect of the same bearing is hidden by
+     it, since the impacts of one defect excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
-     any multiple of that order. They are of similar size: a comb of a shaft or cage whose first harmonics fall below a
-     third of a bearing's line explains no multiple above the third, since a load zone that a defect is carried through
-     makes such lines, too;
+     any multiple of that order. These are of similar size: a comb of a shaft or cage whose first harmonics are below a
+     third of a bearing line explains no multiple above the third, since a defect carried through the load zone causes
+     such lines as well;
    - it is a sideband that the planet pass produces in a healthy stage.
-3. Of two lines of a bearing that one peak makes, the one with the nearer nominal order explains the other, and a cage
-   that makes no comb of impacts is assessed last. Lines of several bearings that one peak makes explain none of each
-   other: `hums.analysis.evidence` compares their combs.
+3. If two lines of a bearing share a peak, the one with the nearer nominal order explains the other, and a cage without
+   a comb of impacts is assessed last. Lines of several bearings that share a peak do not explain one another;
+   `hums.analysis.evidence` compares their combs.
 4. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing.
 """
 
@@ -183,7 +183,7 @@ def _one_peak(one: MeasuredLine, other: MeasuredLine) -> bool:
 
 
 def _searches(lines: Iterable[MeasuredLine]) -> int:
-    """Return the number of searches for a line that can raise a finding, over all bands."""
+    """Return the number of searches for lines that can raise a finding, over all bands."""
     return max(1, sum(line.searches for line in lines if line.expected.fundamental))
 
 
@@ -211,11 +211,12 @@ def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine
 def _ranks(
     lines: Sequence[MeasuredLine], detected: Sequence[int], least: Mapping[_Comb, float]
 ) -> dict[int, tuple[bool, bool, bool, float, float]]:
-    """Return by which the detected lines are assessed, the smallest first.
+    """Return the keys by which the detected lines are assessed, the smallest first.
 
-    A tooth's impacts make every multiple of their rate, and a bearing no fraction of its own, so that they come first.
-    A bearing's harmonics and sidebands follow all lines that can be significant alone, its cage all other defects where
-    it makes no comb of impacts. Bearing lines of one peak have the level of the highest, the nearest to nominal first.
+    Impacts of a tooth cause every multiple of their rate, and a bearing no fraction of its own, so teeth come first.
+    Harmonics and sidebands of a bearing follow all lines that can be significant alone, and its cage all other defects
+    unless it has a comb of impacts. Bearing lines that share a peak have the level of the highest, the nearest to
+    nominal first.
     """
     level = _combined_levels([lines[i] for i in detected])
     levels = {i: level(lines[i]) for i in detected}

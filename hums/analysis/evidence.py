@@ -1,19 +1,19 @@
-"""Evidence for defects of bearings: how deeply each modulates the record, over all bands, and what else may explain it.
+"""Evidence for bearing defects: modulation depth in every band, and competing explanations.
 
-A defect of a race strikes once per element and rings what lies in its way. In the envelope of a band that carries the
-ringing, over its slowly varying level, it makes a line at its order, harmonics that fall, and sidebands spaced by what
-carries it through the load zone. The *depth* of a line is its amplitude over the mean of the envelope: no unit, no
-gain, and near one where the strikes are all the band has.
+Every rolling element strikes a local defect of a race and excites resonances. In the envelope of a band that carries
+the ringing, divided by its slowly varying level, this causes a line at the defect order, decaying harmonics, and
+sidebands at the rotation rate of the link that carries the defect through the load zone. The *depth* of a line is its
+amplitude over the mean of the envelope: dimensionless, independent of gain, and near one if the band contains nothing
+but the impacts.
 
-The strength of the evidence is the root sum of squares of the depths of the fundamental and of its harmonics, none of
-them counted as more than the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for what noise
-makes in a short record. A spot that turns through the load zone is hit harder there: where sidebands are to be expected
-and none stands out, the strength counts a quarter; so does a line alone where its harmonics were looked for, since
-strikes are no sine. The strength of a part is that of its best band.
+The strength of the evidence is the root sum of squares of the depths of the fundamental and its harmonics, each counted
+at most as the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for noise in a short record. A
+defect that rotates through the load zone is struck harder there: if sidebands are expected and none is found, the
+strength is divided by four, and likewise if harmonics were searched for and none is found, since impacts are not
+sinusoidal. The strength of a part is that in its best band.
 
-A part is not counted for a line which another explains that is not its own: a multiple of a line, or a sideband of a
-deeper one, in whatever band that line is deepest; nor for a harmonic of the mains, or a line that stands exactly at a
-multiple of a shaft, or in a comb of such multiples.
+A line does not count for a part if another source explains it: a multiple of another line, a sideband of a deeper one
+in whatever band that is deepest, a harmonic of the mains, or a multiple of a shaft, alone or in a comb.
 """
 
 import math
@@ -46,30 +46,28 @@ from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
-_CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
-_ALIKE = 0.99  # of the largest: widths of bands, and strengths of one peak, are the same to rounding
-_ONE_IN_10 = 1.282  # standard deviations that a normal variable falls below its mean in one of ten cases
+# Line widths between multiples of the mains, below which a quarter of all lines coincides with one.
+_CHANCE_WIDTHS = 4.0
+_ALIKE = 0.99  # of the largest, above which bandwidths, or strengths of one peak, are equal to rounding
+_ONE_IN_10 = 1.282  # standard deviations by which a normal variable is below its mean in one of ten cases
 _SIDEBANDS = 3  # on either side that support a fundamental
-_HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
-_MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
+_HARMONIC_SHARE = 0.5  # of the depth of a line that its subharmonic must have: harmonics of impacts decay
+_MULTIPLES = 3  # of a deeper line that may coincide with the line of a part
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
-_CARRIED = 10  # multiples of strikes or beats that a band carries: a tenth stands above half of a resonance's width
-_COMB = 30  # multiples of a shaft that impacts once a turn make
-_LOAD_MULTIPLES = 4  # of a shaft that modulations once and twice a turn make: the second of the second
-_FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
-_DRAWN = 0.02  # relative: a line as near to one that is drawn is that
-_MISDECLARED = 0.2  # relative: an element more or less moves the lines of a bearing of seven or more by less
-_FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
+_CARRIED = 10  # multiples of impact rates or beats in a band: a tenth is above half the width of a resonance
+_COMB = 30  # multiples of a shaft that impacts once per revolution cause
+_LOAD_MULTIPLES = 4  # of a shaft, from modulation once and twice per revolution: the second of the second
+_FULL_COMB = 0.7  # share of eight multiples of a slow shaft, from impacts; a defect with sidebands has fewer
+_DRAWN = 0.02  # relative distance within which a line is one of the drawing
+_MISDECLARED = 0.2  # relative: one element more or less moves the lines of a bearing of seven or more by less
+_FAST_BINS = 20  # bins between multiples of a shaft, below which any line is near one
 
 Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What of a machine explains lines: orders of its shafts and meshes, and its mean and range of speed in rev/s.
-
-    `measured` says that the speed is not merely declared.
-    """
+    """Orders of shafts and meshes, and mean and range of speed in rev/s; `measured` if it is not merely declared."""
 
     shafts: tuple[float, ...]
     meshes: tuple[float, ...] = ()
@@ -85,10 +83,10 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class BandEvidence:
-    """What the envelope of one band shows: the expected lines, and all peaks by order and depth, with the background's.
+    """Lines and peaks in the envelope of one band, with the depth and background of each peak.
 
-    `clear` says that no mesh or shaft has a large part of the band's power; `line_probability` is that of noise at one
-    line, below which it is significant.
+    `clear` if meshes and shafts have little of the band's power; `line_probability` is the false-alarm probability
+    below which a single line is significant.
     """
 
     band_hz: tuple[float, float]
@@ -120,37 +118,37 @@ class PartEvidence:
     order : float
         Nominal order of the fundamental.
     found, amplitude, snr, depth, bin_width : float
-        The fundamental in the band of its strength; where none has any, in that with the lowest background. `snr` is
-        the ratio to its background, `depth` the part of the envelope's mean.
+        The fundamental in its best band, or, if the strength is 0, in that with the lowest background. `snr` is the
+        ratio to its background, `depth` that to the mean of the envelope.
     band_low_hz, band_high_hz : float
     strength : float
         See the module; 0 where no line is significant.
     support : str
-        Harmonics and sidebands that noise alone seldom makes.
+        Significant harmonics and sidebands.
     sidebands : int
         Number of sidebands among them.
     hidden_by : str
-        What else explains its line; empty where nothing does.
+        What else explains its line; empty if nothing does.
     detectable_depth : float
-        The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
-        bands, since damage may ring in any part of the range.
+        Least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest bands,
+        since damage may ring in any part of the range.
     possible_depth : float
-        The deepest modulation that may be there unseen in one of the widest bands: it is below `detectable_depth`
-        where the line in its place is so small that a deeper one would have been larger in nine of ten records.
+        Largest modulation that may have gone undetected in one of the widest bands. It is below `detectable_depth` if
+        the line measured there is so small that a deeper one would have been larger in nine of ten records.
     inspected_hz : (float, float)
-        Range of these bands; damage that rings outside of it, in bands full of meshes, is not excluded.
+        Range of these bands; damage that rings outside it, in bands dominated by meshes, is not excluded.
     unsure_depth : float
-        The deepest line in any band at its order that does not count for it, since something else explains it (then
-        `hidden_by` says what, where the part has no strength) or noise makes it too often.
+        Deepest line in any band at its order that does not count, because noise causes it too often or something else
+        explains it (in which case, if the strength is 0, `hidden_by` says what).
     other_order, other_depth, other_strength : float
-        The strongest line in any band, no slower than the slowest part, that this part does not explain, and its
-        strength as one alone; 0 if there is none.
+        Strongest line in any band, no slower than the slowest part, that this part does not explain, and its strength
+        on its own; 0 if there is none.
     sibling_depths : tuple of float
-        In the band of its strength, how deep the significant lines of the bearing's parts are, in the order of
-        `BEARING_KINDS`, 0 where there is none; empty where it has no strength.
+        Depths, in the best band, of the significant lines of the parts of the bearing, in the order of
+        `BEARING_KINDS`, 0 if there is none; empty if the strength is 0.
     modulation : float
-        Strength of its lines in the band where that is largest, whether they are significant, have sidebands, and are
-        explained otherwise or not: what successive records are compared by.
+        Strength of its lines in the band where that is largest, significant or not and whatever else explains them, for
+        comparison between successive records.
     """
 
     component: str
@@ -181,7 +179,7 @@ class PartEvidence:
 
 
 def strength(depths: Sequence[float], snr: float) -> float:
-    """Return the strength of a family of lines from the depths of fundamental and harmonics and their common ratio.
+    """Return the strength of a family of lines from the depths of fundamental and harmonics and their joint SNR.
 
     Parameters
     ----------
@@ -235,7 +233,7 @@ def bearing_evidence(
 
 
 def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], others: "_Others") -> tuple[float, float]:
-    """Return depth and order of the deepest line with a harmonic that nothing drawn and no mains make, or zeros."""
+    """Return depth and order of the deepest line with a harmonic that neither drawing nor mains explain, or zeros."""
     multiples = np.arange(1, _MULTIPLES + 1)
     drawn = np.outer([part.order for part in parts], multiples).ravel()
     shown = np.outer([part.found for part in parts if part.strength > 0], multiples).ravel()
@@ -256,7 +254,7 @@ def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], othe
 
 
 def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartEvidence:
-    """Return the evidence of a part without a line, which a line near its order may be that nothing drawn makes."""
+    """Return the evidence for a part without a line, doubted if an unexplained line is near its order."""
     if not depth or abs(order / part.order - 1) > _MISDECLARED or depth <= part.unsure_depth:
         return part
     why = f"the line at {order:.3f}, which modulates by {depth:.0%}, is of no part that is drawn; check the bearing"
@@ -266,7 +264,7 @@ def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartE
 def _sibling_depths(
     part: PartEvidence, families: Mapping[tuple[str, str], Sequence[tuple[BandEvidence, AssessedLine]]]
 ) -> tuple[float, ...]:
-    """Return how deep the lines of a bearing's parts are in the band of one of them."""
+    """Return the depths of the lines of a bearing's parts in the best band of one of them."""
     band_hz = (part.band_low_hz, part.band_high_hz)
     depths = dict.fromkeys(BEARING_KINDS, 0.0)
     for kind in BEARING_KINDS:
@@ -277,9 +275,9 @@ def _sibling_depths(
 
 
 def _of_a_better_comb(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
-    """Return which part of another bearing has a part's line, or an empty string.
+    """Return to which part of another bearing a line belongs, or an empty string.
 
-    It is the one with the strongest family; of those that are as strong, the nearest to nominal.
+    It belongs to the part with the strongest family and, among equal ones, to that nearest to its nominal order.
     """
     one_peak = [
         other
@@ -303,10 +301,10 @@ def _of_a_better_comb(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
 def _of_a_stronger_part(
     part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]
 ) -> str:
-    """Return which stronger part of another bearing makes a part's line, in whatever bands they stand, or "".
+    """Return which stronger part of another bearing explains a line, in whatever bands, or an empty string.
 
-    A line may be a harmonic of one that is deeper, as far as noise lets tell. A cage takes a damaged element through
-    the load zone, and, where sidebands show that it does, makes lines at the multiples of its rate.
+    A line may be a harmonic of one that is deeper, within noise. A cage carries a damaged element through the load
+    zone and, if sidebands confirm that, causes lines at multiples of its rate.
     """
     for other in parts:
         if other.hidden_by or other.component == part.component or not other.strength > part.strength > 0:
@@ -327,7 +325,7 @@ def _of_a_stronger_part(
 
 
 class _Others:
-    """Lines of all bands that no shaft makes."""
+    """Peaks of all bands, and those of them that are no multiples of a shaft."""
 
     def __init__(self, bands: Sequence[BandEvidence], setting: Setting) -> None:
         self.setting = setting
@@ -351,7 +349,7 @@ class _Others:
         self.spacings = tuple({round(s, 9): s for s in setting.shafts if s > 2 * self.width}.values())
 
     def of_shafts(self, orders: Numbers) -> NDArray[np.bool_]:
-        """Return which orders are multiples of a shaft's."""
+        """Return which orders are multiples of that of a shaft."""
         on = np.zeros(orders.size, dtype=bool)
         for shaft in self.setting.shafts:
             if shaft > 2 * self.width:
@@ -359,7 +357,7 @@ class _Others:
         return on
 
     def deepest(self, order: float) -> float:
-        """Return the depth of the deepest line at an order, of shafts or not."""
+        """Return the depth of the deepest peak at an order, 0 if there is none."""
         return float(self.every_depth[np.abs(self.every_order - order) <= self.width].max(initial=0.0))
 
 
@@ -373,8 +371,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         number = least
     band, line = seen[number]
     main = line.measured
-    widest = max(_width(one) for one, _ in seen)
-    whole = [one for one in seen if _width(one[0]) > _ALIKE * widest]
+    widths = [band.band_hz[1] - band.band_hz[0] for band, _ in seen]
+    whole = [one for one, width in zip(seen, widths, strict=True) if width > _ALIKE * max(widths)]
     unsure = max((one for _, one in seen if _unsure(one)), key=lambda one: one.measured.depth, default=None)
     plain = PartEvidence(
         component=main.expected.component,
@@ -418,12 +416,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     )
 
 
-def _width(band: BandEvidence) -> float:
-    return band.band_hz[1] - band.band_hz[0]
-
-
 def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:
-    """Return the least modulation that would be significant in a band and stand out from its background."""
+    """Return the least modulation that would be significant in a band and exceed its background `JUDGED_SNR` times."""
     measured = line.measured
     needed = max(JUDGED_SNR * measured.line.background, measured.line.amplitude_at(band.line_probability))
     return needed / measured.level if measured.level > 0 else math.inf
@@ -432,9 +426,9 @@ def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:
 def _possible_depth(
     seen: Sequence[tuple[BandEvidence, AssessedLine]], whole: Sequence[tuple[BandEvidence, AssessedLine]]
 ) -> float:
-    """Return the deepest modulation that may be unseen in the widest bands, which are `whole`, of all `seen`.
+    """Return the largest modulation that may have gone undetected in the widest bands, `whole`, of all bands `seen`.
 
-    A line is small only where none in its place, in any band, is one that noise alone seldom makes.
+    That a line is small there counts only if no band has one at its order that noise alone rarely causes.
     """
     unexplained = (one.measured.line for _, one in seen if _unsure(one) and not one.explained_by)
     chance = min((line.false_alarm_probability for line in unexplained), default=1.0)
@@ -445,16 +439,16 @@ def _possible_depth(
 
 
 def _largest_depth(one: AssessedLine) -> float:
-    """Return the depth of a line that noise makes appear as small as one in fewer than one in ten records.
+    """Return the depth at which a line would be measured as this small in at most one record in ten.
 
-    A line is at least its part in phase with it, whose noise is normal.
+    Its magnitude is at least its in-phase component, whose noise is normal.
     """
     line = one.measured
     return (line.line.amplitude + _ONE_IN_10 * line.line.amplitude_std) / line.level if line.level > 0 else math.inf
 
 
 def _unsure(line: AssessedLine) -> bool:
-    """Whether a line is one that its noise or what explains it keeps from counting."""
+    """Whether a line does not count because of noise or another explanation."""
     return not (line.significant or line.measured.line.at_edge)
 
 
@@ -464,8 +458,10 @@ def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[floa
     width = MATCH_BINS * band.bin_width
     separable = [spacing for spacing in spacings if spacing > 2 * width]
     sidebands = _sidebands(line.measured, band, separable)
-    family = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
-    alone = len(family) == 1 and not sidebands and _has_harmonics(band, line)
+    family = [one.measured for one in _family(band, line)]
+    family = [one for one in family if one is line.measured or one.line.false_alarm_probability < SEEN]
+    searched = any(one.measured.expected.harmonic > 1 for one in band.families[line.measured.family])
+    alone = len(family) == 1 and not sidebands and searched
     whole = _family_strength(family)
     return NO_SIDEBAND * whole if alone or (separable and not sidebands) else whole
 
@@ -474,15 +470,6 @@ def _family(band: BandEvidence, line: AssessedLine) -> list[AssessedLine]:
     """Return a fundamental and its harmonics in a band."""
     harmonics = (other for other in band.families[line.measured.family] if other is not line)
     return [line, *(other for other in harmonics if supports(other.measured, line.measured))]
-
-
-def _has_harmonics(band: BandEvidence, line: AssessedLine) -> bool:
-    """Whether a harmonic of a fundamental was looked for in a band."""
-    return any(other.measured.expected.harmonic > 1 for other in band.families[line.measured.family])
-
-
-def _stands_out(line: AssessedLine) -> bool:
-    return line.measured.line.false_alarm_probability < SEEN
 
 
 def _family_strength(family: Sequence[MeasuredLine]) -> float:
@@ -494,7 +481,7 @@ def _background_depth(line: MeasuredLine) -> float:
 
 
 def _spacings(bearing: BearingOrders, kind: str) -> tuple[float, ...]:
-    """Return the spacings of the sidebands that the passage through the load zone gives a defect."""
+    """Return the spacings of the sidebands that passing the load zone causes."""
     turning = {
         "inner_race": bearing.inner_ring,
         "outer_race": bearing.outer_ring,
@@ -506,7 +493,7 @@ def _spacings(bearing: BearingOrders, kind: str) -> tuple[float, ...]:
 def _support(
     main: MeasuredLine, band: BandEvidence, spacings: Iterable[float]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the harmonics and of the sidebands that stand out in a band."""
+    """Return the names of the significant harmonics and sidebands in a band."""
     harmonics = [
         f"harmonic {other.measured.expected.harmonic} at {other.measured.line.found:.3f}"
         for other in band.families[main.family]
@@ -544,7 +531,7 @@ def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: 
 
 
 def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
-    """Return which orders are multiples of a spacing: what carries a defect modulates the envelope by itself, too."""
+    """Return which orders are multiples of a spacing: what carries a defect also modulates the envelope directly."""
     on = np.zeros(orders.size, dtype=bool)
     for spacing in spacings:
         multiple = np.maximum(1, np.round(orders / spacing))
@@ -553,9 +540,9 @@ def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> ND
 
 
 def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> str:
-    """Return at which multiple of a shaft a line stands, exactly or as one of a comb, or an empty string.
+    """Return of which shaft a line is a multiple, exactly or as one of a comb, or an empty string.
 
-    Harmonics of the line itself are no other multiples.
+    Harmonics of the line itself do not count as other multiples.
     """
     width = band.bin_width
 
@@ -583,10 +570,10 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
 
 
 def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[tuple[float, Numbers]]:
-    """Return for each frequency of the mains of which harmonic each order is a line; 0 where it is none.
+    """Return for each mains frequency the harmonic number of each order, 0 if it is none.
 
-    Lines of the mains are narrow in orders only where the speed is steady: elsewhere all are 0. `reach_hz` is the
-    uncertainty of a line's frequency next to the tolerance of the mains.
+    Lines of the mains are narrow in orders only at steady speed; otherwise all are 0. `reach_hz` is the uncertainty of
+    the frequency of a line, in addition to the tolerance of the mains.
     """
     found = []
     for mains in MAINS_HZ:
@@ -599,7 +586,7 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
 
 
 def _mains(order: float, others: _Others) -> str:
-    """Return which harmonic of the mains a line is; empty if none, or if lines are too wide to tell."""
+    """Return of which harmonic of the mains a line is; empty if of none, or if lines are too wide to decide."""
     setting = others.setting
     width_hz = others.width * setting.speed_hz
     for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * width_hz):
@@ -611,45 +598,36 @@ def _mains(order: float, others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, unless
-    that is its own harmonic. Of lines that a shaft spaces alike one is no sideband of another with which it is the
-    deeper together with their harmonics.
+    The line may be a harmonic of one with at least half its depth, except for `own_multiple`, or a sideband of a deeper
+    one that is not its own harmonic. Of two lines spaced by a shaft, the one that is deeper together with its second
+    harmonic is the carrier.
     """
-    whole = _together(order, depth, others)
+    whole = depth + others.deepest(2 * order)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
-        own = size <= RIVAL_FACTOR * depth and _is_harmonic(other, order, others)
+        # of the slowest lines one in four is a harmonic by chance
+        harmonic, near = round(other / order), others.width / MATCH_BINS
+        own = size <= RIVAL_FACTOR * depth and 1 < harmonic <= _CARRIED and abs(other - harmonic * order) <= near
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
             carrier = size >= depth and not own
             sideband = _sideband(order, multiple * other, others) if carrier else None
-            if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
+            if sideband is not None and (multiple > 1 or size + others.deepest(2 * other) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
                 return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
     return ""
 
 
-def _is_harmonic(order: float, fundamental: float, others: _Others) -> bool:
-    """Whether a line is a harmonic of another, to a bin: by accident one in four is of the slowest that are judged."""
-    multiple = round(order / fundamental)
-    return 1 < multiple <= _CARRIED and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
-
-
-def _together(order: float, depth: float, others: _Others) -> float:
-    """Return the depth of a line with that of its second harmonic."""
-    return depth + others.deepest(2 * order)
-
-
 def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tuple[float, float]]:
-    """Return order and depth of the lines next to one that have half its depth or more."""
+    """Return order and depth of the other lines with at least half the depth of one."""
     apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
     return zip(others.orders[apart], others.depths[apart], strict=True)
 
 
 def _sideband(order: float, carrier: float, others: _Others) -> tuple[float, float] | None:
-    """Return which sideband of a carrier a line is, and the shaft's order that spaces them; None where it is none."""
+    """Return the number of the sideband of a carrier that a line is, and its spacing; None if it is none."""
     spacings = np.array(others.spacings)
     offsets = (order - carrier) / spacings
     sides = np.round(offsets)

@@ -2,20 +2,19 @@
 
 Every kind of defect of every part has one of four verdicts:
 
-- *diagnosed*: few healthy machines show as much, and nothing is left to doubt;
+- *diagnosed*: few healthy machines show as much, and no doubt remains;
 - *indicated*: few healthy machines show as much, but a doubt remains, which the evidence names;
-- *not judged*: the record cannot say: too short or too noisy, out of the band, the sensor faulty, or its line hidden by
-  something else;
+- *not judged*: the record is inconclusive: too short or too noisy, out of band, a faulty sensor, or a line that
+  something else explains;
 - *nothing found*: a modulation of 5 % in the range inspected would have been detected, and was not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
-not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
-as large, or something that the drawing does not explain makes a stronger line; nor, unless the line is deep, where both
-races have lines alike. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic
-or sideband supports it, on a race that turns through the load zone a sideband, and no other race or element of it comes
-within a factor of three in the same band; an element not where its line is higher than rolling allows; its cage never,
-since damage of an element makes the same line.
-Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
+not that of noise. No bearing is named for a line that may have another source: a line of the same bearing that is three
+times as large, or a stronger line that the drawing does not explain; nor, unless the line is deep, if both races have
+similar lines. A bearing is diagnosed if its line modulates a band by 10 % of the mean or more, a harmonic or sideband
+supports it (a sideband for a race that rotates through the load zone), and no other race or element of it is within a
+factor of three in the same band; an element only if its line is no higher than rolling allows; a cage never, since
+damage of an element causes the same line. Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
 import math
@@ -59,8 +58,8 @@ _UNKNOWN = "unknown: no earlier record of this machine to compare with"
 class Finding:
     """Verdict on one kind of defect of one component, with the evidence in words and its strongest line.
 
-    `depth` is the part of the band's level by which the line modulates it, `detectable_depth` the one that this record
-    would show; NaN where a verdict has none. `doubts` are what keeps it from being diagnosed, or judged.
+    `depth` is the modulation of the band by that line, `detectable_depth` the least that would be detected; NaN if a
+    verdict has none. `doubts` are the reasons for which it is not diagnosed, or not judged.
     """
 
     component: str
@@ -97,9 +96,9 @@ def findings(every: Sequence[Finding]) -> list[Finding]:
 
 
 def where_none_is_named(every: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
-    """Return the verdict on a machine of which no part is named, from the rows of its verdicts, and a sentence on it.
+    """Return the verdict on a machine without findings, from the rows of its verdicts, and a sentence on it.
 
-    It is "nothing found" only where every part could be judged.
+    It is "nothing found" only if every part could be judged.
 
     Examples
     --------
@@ -168,9 +167,10 @@ def bearing_verdicts(
 
 
 def _with_equal_bearings(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
-    """Return the verdicts, where bearings of the same orders are not distinguished.
+    """Return the verdicts with bearings of equal orders treated as one.
 
-    Their lines are the same: the one with the strongest evidence is named, with the others, and they are not judged.
+    Their lines are the same: the one with the strongest evidence is named together with the others, which are not
+    judged.
     """
     stronger: dict[tuple[str, float], Finding] = {}
     for one in sorted(results, key=lambda one: (RANK[one.verdict], -one.strength)):
@@ -192,7 +192,7 @@ def _with_equal_bearings(results: Sequence[Finding], orders: Mapping[tuple[str, 
 
 
 def _also(one: Finding, equal: Sequence[str]) -> Finding:
-    """Return a finding that may be of bearings with the same orders as well."""
+    """Return a finding that may also be on bearings with the same orders."""
     doubt = f"it may be {' or '.join(equal)}, which {'has' if len(equal) == 1 else 'have'} the same orders"
     joint = "; " if one.doubts else "; not certain: "
     return replace(
@@ -206,7 +206,7 @@ def _also(one: Finding, equal: Sequence[str]) -> Finding:
 
 
 def _of_another_bearing(one: Finding, named: str) -> Finding:
-    """Return that a bearing is not judged, whose lines are those of one that is named."""
+    """Return the verdict on a bearing with the same orders as one that is named: not judged."""
     why = f"its line may have another source: {named} has the same orders and a finding"
     return judging_nothing(one, why, f"judged if its orders differed from those of {named}")
 
@@ -261,9 +261,9 @@ def _bearing_verdict(
 def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
     """Return why a line that few healthy machines show is no evidence for its part, and what would change that.
 
-    A much larger line of the same bearing leaves traces at the places of its other parts. Where something else that
-    the drawing does not explain makes a stronger line, it may as well make this one. Below
-    `RIVAL_FACTOR` times `FAULTY_DEPTH` lines of both races alike are what a rough bearing or a damaged element makes.
+    A much larger line of the same bearing leaves traces at the orders of its other parts. The source of a stronger line
+    that the drawing does not explain may cause this one as well. Similar lines of both races, below `RIVAL_FACTOR`
+    times `FAULTY_DEPTH`, are what a rough bearing or a damaged element causes.
     """
     rivals = _rivals(part, others)
     larger = max(rivals, key=lambda rival: rival.depth, default=None)
@@ -293,7 +293,7 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
 
 
 def _is_known(part: PartEvidence, others: Sequence[PartEvidence]) -> bool:
-    """Whether the strongest line that a part does not explain is one of another part, or a harmonic of such."""
+    """Whether the strongest line that a part does not explain is that of another part, or a harmonic of one."""
     return any(
         abs(part.other_order - multiple * other.found) <= multiple * other.bin_width
         for other in others
@@ -307,8 +307,8 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     doubts = []
     if part.depth < FAULTY_DEPTH:
         doubts.append(
-            f"it modulates the band by only {part.depth:.1%}: it is there, but sound bearings have races and "
-            "elements that are not perfect, too; compare with earlier and later records"
+            f"it modulates the band by only {part.depth:.1%}, and the races and elements of sound bearings are not "
+            "perfect, either; compare with earlier and later records"
         )
     if part.kind == "cage":
         doubts.append("damage to a rolling element also produces this line")
@@ -317,7 +317,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("it has no sidebands from passing the load zone, as expected on a rotating race")
     if part.kind == "rolling_element" and part.found > (1 + FASTEST_SPIN) * part.order:
-        doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins as fast")
+        doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins that fast")
     doubts += [
         f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(_where_it_is(part, rival), part)}"
         for rival in _rivals(part, rivals)
@@ -332,9 +332,9 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
 
 
 def _where_it_is(part: PartEvidence, rival: PartEvidence) -> float:
-    """Return how deep the line of another part of a bearing is in the band of one, in whatever band elsewhere.
+    """Return the depth of a rival's line in the best band of a part; of another channel, in whatever band.
 
-    Strikes of parts of one bearing ring the same structure: what is as strong a source as a part shows where it does.
+    Impacts on the parts of one bearing excite the same structure, so an equally strong source shows in the same band.
     """
     if rival.channel != part.channel or not part.sibling_depths:
         return rival.depth
@@ -342,7 +342,7 @@ def _where_it_is(part: PartEvidence, rival: PartEvidence) -> float:
 
 
 def _as_near(part: PartEvidence, other: PartEvidence) -> bool:
-    """Whether a line is nearly as close to the order of another part as to its own; those of the same order apart."""
+    """Whether a line is nearly as close to the order of another part, of a different order, as to its own."""
     off = abs(part.found / part.order - 1) + SLIP_SCATTER
     same = (other.component, other.kind) == (part.component, part.kind)
     return not same and not _same_order(part.order, other.order) and abs(part.found / other.order - 1) <= off
@@ -353,7 +353,7 @@ def _same_order(one: float, other: float) -> bool:
 
 
 def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:
-    """Return the lines of the same bearing's other races and elements, of which a part's line may be a trace."""
+    """Return the other races and elements of the same bearing, of which the line of a part may be a trace."""
     return [
         other
         for other in others
@@ -364,7 +364,7 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
 def _changes(
     part: PartEvidence, rivals: Sequence[PartEvidence], doubts: Sequence[str], needed: float, certain: float
 ) -> list[tuple[float, str]]:
-    """Return changes that would turn the verdict on a named part, each with its factor; inf where it has none."""
+    """Return changes that would alter the verdict on a named part, each with its factor; inf if it has none."""
     lost = [(part.strength / needed, f"nothing found below a strength of {needed:.3g} (now {part.strength:.3g})")]
     if len(doubts) == 1:
         if part.depth < FAULTY_DEPTH:
@@ -424,7 +424,7 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
 
 
 def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
-    """Return that a part is not judged where its defect would not have shown, else that nothing was found."""
+    """Return that nothing was found, or that a part is not judged since its defect may have gone undetected."""
     if part.possible_depth > JUDGED_DEPTH:
         longer = (part.possible_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time
         return _not_judged(
@@ -437,7 +437,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         )
     masking, least = (part.depth, JUDGED_DEPTH) if part.strength else (part.unsure_depth, FAULTY_DEPTH)
     if masking > least and (part.hidden_by or not part.strength):
-        why = f"too short or too noisy: a line at its order, noise or damage, modulates a band by {masking:.0%}"
+        why = f"too short or too noisy: a line at its order, of noise or damage, modulates a band by {masking:.0%}"
         if part.hidden_by:
             why = f"{_hidden(part.hidden_by)}; it modulates a band by {masking:.0%} and may mask damage"
         return _not_judged(part, why, least_change=f"nothing found with that line below {least:.0%}")
@@ -494,7 +494,7 @@ def _blank(part: PartEvidence) -> Finding:
 
 
 def _line_text(part: PartEvidence) -> str:
-    """Return a part's line in words: where it stands, how large it is."""
+    """Return the order and size of a part's line in words."""
     offset = part.found / part.order - 1
     off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
     return (

@@ -1,15 +1,14 @@
-"""Judgement of every gear of a channel for one damaged tooth (`signals.angle.local_damage`).
+"""Test of every gear of a channel for one damaged tooth (`signals.angle.local_damage`).
 
-A gear is followed by the meetings of one of its teeth with its mates: once a turn on fixed axes; of a sun or ring once
-for each planet and turn relative to the carrier, of a planet once per turn relative to it. Sun, planets and ring so
-need no window about the planet passes; the passes modulate the level of a turn, which is divided out.
+The record is folded at the contacts of one tooth with its mates: once per revolution on fixed axes; for a sun or ring
+once per planet and revolution relative to the carrier, for a planet once per revolution relative to it. Sun, planets
+and ring therefore need no window around the planet passes, which modulate the level of a revolution; that is divided
+out. In two or three revolutions the waveform of the tooth must repeat, not only its energy.
 
-In a record of two or three of its turns the waveform of the tooth has to repeat, not only its energy
-(`signals.angle.local_damage`).
-
-The strength of the evidence is ``-log10`` of the probability that teeth whose energies are exponential have one that
-far out, 0 where it does not repeat. Real deviations are not quite that, so that the probability of a verdict is how
-often gears of healthy machines with deviations show the strength (`hums.analysis.healthy_machines`).
+The strength of the evidence is ``-log10`` of the probability that among teeth with exponentially distributed energies
+one is as extreme, and 0 if it does not repeat. Real deviations follow that distribution only roughly, so the
+probability of a verdict is the share of healthy gears with deviations that reach this strength
+(`hums.analysis.healthy_machines`).
 """
 
 import math
@@ -45,22 +44,24 @@ from signals.angle.residual_energies import (
 )
 from signals.resampling.resampling import PASSBAND, AngularSignal
 
-# Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
-# gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
+# Half-width removed around a mesh harmonic, for run-out and planet passes, in rotation rates of its fastest gear.
+# Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
 _SIDEBANDS = 2.5
-_SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
-_SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
-_MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
-_NO_ANGLE = "the speed is nominal and its changes show in no line, so that the angle is not known to a tooth"
+_SHAFT_ORDERS = 3  # of the fastest shaft, below which everything is removed
+_SMOOTH_ORDERS = (
+    2  # of a revolution, modulated by run-out, misalignment or planet passes; 0 for a sun, folded by planet
+)
+_MASKED_TEETH = 1.5  # on either side of a damaged tooth, removed before weaker gears are tested again
+_NO_ANGLE = "the speed is nominal and no line follows its changes, so the angle is not known to within a tooth"
 _SICK = "the sensor is sick"
 _COMPARE = "Compare with an earlier record at the same speed and load, or inspect the teeth."
-_ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
-_LEAST_LOCAL = 1e-30  # no healthy gear comes near it
+_ROTATIONS = (999, 9999)  # least and most; more only cost time
+_LEAST_LOCAL = 1e-30  # far below that of any healthy gear
 
 
 @dataclass(frozen=True, kw_only=True)
 class GearJudgement:
-    """Whether one tooth of a gear is damaged, in one channel.
+    """Evidence for one damaged tooth of a gear in one channel.
 
     Attributes
     ----------
@@ -68,17 +69,17 @@ class GearJudgement:
     component : str
         Mesh and gear, as in `hums.defect_orders`.
     also : tuple of str
-        Gears whose teeth meet others at the same rate.
+        Gears with the same tooth contact rate.
     rivals : tuple of str
-        Those of them that the modulation of the meshes does not tell apart, so that the tooth may be theirs.
+        Those of `also` that the modulation of the meshes cannot exclude: the tooth may be on any of them.
     order : float
-        Meetings of one tooth per revolution of the reference.
+        Contacts of one tooth per revolution of the reference.
     teeth : int
     turns : int
-        Turns of the gear used, each meeting of a sun's or ring's tooth with a planet counted; 0 where not judged.
+        Revolutions of the gear used, with each contact of a sun or ring tooth with a planet counted; 0 if not judged.
     probability : float
-        That a healthy machine gives this, over all gears and channels judged; 1 where not judged. At least that of
-        `repeats` over all of them.
+        Probability that a healthy machine shows as much, over all gears and channels; 1 if not judged. At least that
+        of `repeats` over all of them.
     strength : float
         See the module.
     local, repeats, differing : float
@@ -86,26 +87,26 @@ class GearJudgement:
     statistic, outlier, rise : float
         As in `LocalDamage`.
     least_rise : float
-        Rise from which on the tooth would be named whichever single band showed it.
+        Rise above which the tooth would be named, whichever single band it affects.
     amplitude : float
         RMS of the envelope at the tooth, in `units`.
     position_rev : float
-        Place of the tooth, in turns from the reference's angle zero.
+        Angle of the tooth, in revolutions of the gear from the reference's angle zero.
     band_orders : (float, float)
-        Orders of the reference in which it stands out most.
+        Orders of the reference in which the tooth stands out most.
     knock_of : str
-        The shaft of which a knock once per turn looks the same, as the tooth's mesh is not modulated; empty where it
-        is, or where the tooth meets others at another rate than that of a shaft.
+        Shaft whose knock once per revolution looks the same, since no mesh is modulated; empty if one is, or if the
+        tooth contacts do not repeat at the rate of a shaft.
     explained_by : str
-        A gear whose damaged tooth makes this gear's appearance; empty where there is none.
+        Gear whose damaged tooth explains what this gear shows; empty if there is none.
     not_judged : str
-        Reason, empty where judged.
+        Reason; empty if judged.
     unmeasured_angle : int
-        1 where the speed is nominal and its changes were not followed: a tooth that stands out all the same is one,
-        but none that does not is sound.
+        1 if the speed is nominal and its changes were not followed. A tooth that stands out all the same is reported,
+        but none is called sound.
     from_pulse : int
-        1 where the gear turns with a shaft whose tachometer gives one pulse per revolution, from which its teeth can be
-        counted.
+        1 if the gear turns with a shaft whose tachometer gives one pulse per revolution, so that teeth can be counted
+        from the pulse.
     """
 
     channel: str
@@ -134,18 +135,13 @@ class GearJudgement:
     unmeasured_angle: int = 0
     from_pulse: int = 0
 
-    @property
-    def judgeable(self) -> bool:
-        """Whether the record could be judged for this gear."""
-        return not self.not_judged
-
 
 @dataclass(frozen=True, kw_only=True)
 class ToothEnvelope:
     """The squared envelope of the band in which a gear's tooth stands out.
 
-    `order` is how often the tooth meets another in a revolution, `harmonic` the lowest of it that modulations of a
-    sound gear's turn do not make.
+    `order` is the number of tooth contacts per revolution, `harmonic` the lowest multiple of it that modulation of a
+    sound gear does not cause.
     """
 
     energies: BandEnergies
@@ -155,9 +151,9 @@ class ToothEnvelope:
 
 @dataclass(frozen=True, kw_only=True)
 class _Tooth:
-    """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one meeting to the next.
+    """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one contact to the next.
 
-    A tooth of a planet meets the sun and, half a turn later, the ring: it has two `contacts` in a turn.
+    A tooth of a planet meets the sun and, half a revolution later, the ring: two `contacts` per revolution.
     """
 
     row: DefectOrder
@@ -165,7 +161,7 @@ class _Tooth:
     per_turn: float
     smooth_orders: int = _SMOOTH_ORDERS
     contacts: int = 1
-    shaft: str = ""  # that turns at the rate of its meetings, on an axis that is fixed
+    shaft: str = ""  # on a fixed axis, turning at the contact rate
 
 
 def gear_damage(
@@ -176,20 +172,20 @@ def gear_damage(
     library: HealthyMachines | None = None,
     envelopes: dict[str, ToothEnvelope] | None = None,
 ) -> list[GearJudgement]:
-    """Return the judgement of every gear of a gearbox in one segment, the most conspicuous first.
+    """Return the evidence for every gear of a gearbox in one segment, the strongest first.
 
     Parameters
     ----------
     segment : Segment
-        Samples of a channel; of a faulty sensor nothing is judged.
+        Samples of a channel; nothing is judged if its sensor is faulty.
     false_alarm_probability : float
-        Of a record: gears below it are significant, and explain weaker ones.
+        Per record: gears below it are significant, and explain weaker ones.
     channels : int
-        Number of channels judged, over which the probability is taken.
+        Number of channels over which the probability is taken.
     library : HealthyMachines, optional
         Default the shipped one.
     envelopes : dict, optional
-        Filled, by component, for the gears below that probability.
+        Filled in place, by component, for the gears below that probability.
     """
     gears = _gears(segment.machine)
     if not gears:
@@ -275,7 +271,7 @@ def _gears(machine: Machine) -> list[_Tooth]:
 
 
 def _shaft_of(tooth: DefectOrder, shafts: Mapping[str, float]) -> str:
-    """Return the shaft that turns once per meeting of a tooth, its own before others; empty where there is none."""
+    """Return the shaft that turns once per tooth contact, preferably the gear's own; empty if there is none."""
     at_rate = [name for name, order in shafts.items() if math.isclose(order, tooth.order, rel_tol=1e-9)]
     own = tooth.component.rpartition("/")[2]
     return own if own in at_rate else min(at_rate, default="")
@@ -283,7 +279,7 @@ def _shaft_of(tooth: DefectOrder, shafts: Mapping[str, float]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _Residual:
-    """A channel over angle, and what is to be removed: orders next to harmonics of meshes, and all below the lowest."""
+    """A channel over angle, with the orders to remove: around mesh harmonics, and below the lowest."""
 
     signal: AngularSignal
     meshes: dict[float, float]
@@ -308,7 +304,7 @@ def _residual(segment: Segment) -> _Residual:
 
 
 def healthy_probability(strength: float, repeats: float, library: HealthyMachines, *, tests: int) -> float:
-    """Return the probability that a healthy machine gives this at any of `tests` gears: see `GearJudgement`."""
+    """Return the probability that a healthy machine shows as much at any of `tests` gears: see `GearJudgement`."""
     return max(min(1.0, tests * repeats), library.probability(strength, parts=tests))
 
 
@@ -324,19 +320,19 @@ class _Judge:
 
     @cached_property
     def named_at(self) -> float:
-        """Probability of a tooth that is as far out, from which on its gear is named."""
+        """Largest `local` probability at which a gear is named."""
         return float(10.0 ** -self.library.strength_at(self.threshold, parts=self.tests))
 
     @cached_property
     def white(self) -> AngularSignal:
-        """The residual, its bands of equal power."""
+        """The residual with bands of equal power."""
         residual = self.residual
         return whitened_residual(
             residual.signal, meshes=residual.meshes, edges=self.energies.edges, transform=residual.transform
         )
 
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
-        """Return the judgement of a gear, from some of the samples."""
+        """Return the evidence for a gear, from some of the samples."""
         least, most = _ROTATIONS
         # gears may have `GEARS_SHARE` of the stated probability, and the least of rotations is three eighths of that
         rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
@@ -380,10 +376,10 @@ class _Judge:
         }
 
     def explained(self, judged: Sequence[GearJudgement], gears: dict[str, _Tooth]) -> list[GearJudgement]:
-        """Return the judgements in order of evidence, each weighed without the teeth that stronger ones explain."""
+        """Return the gears in order of evidence, each tested without the teeth of stronger ones."""
         keep = np.ones(self.energies.values.shape[1], dtype=bool)
         named: list[GearJudgement] = []
-        others = [row for row in judged if row.probability > self.threshold or not row.judgeable]
+        others = [row for row in judged if row.probability > self.threshold or row.not_judged]
         for row in sorted((row for row in judged if row not in others), key=_evidence):
             equal = next((one for one in named if row.component in {one.component, *one.also}), None)
             if equal is not None:
@@ -391,7 +387,7 @@ class _Judge:
                 continue
             gear = gears[row.component]
             again = self.of(row, gear, keep) if named else row
-            if again.probability > self.threshold or not again.judgeable:
+            if again.probability > self.threshold or again.not_judged:
                 others.append(replace(row, explained_by=named[0].component))
                 continue
             also = tuple(
@@ -407,11 +403,11 @@ class _Judge:
         return [*named, *sorted((row for row in others if row.component not in found), key=_evidence)]
 
     def _by_its_mesh(self, row: GearJudgement, gears: dict[str, _Tooth]) -> GearJudgement:
-        """Return the judgement of the gear whose mesh a tooth modulates, of gears that share its rate.
+        """Return the evidence for the gear whose mesh the tooth modulates, among gears with the same contact rate.
 
-        The place of a tooth in the turn is the same for all gears of a shaft, and one with more teeth has a sharper
-        scatter, damaged or not. Which mesh is modulated there tells them apart (`mesh_contrast`), and from a knock of
-        the shaft, which modulates none.
+        The gears of a shaft share the angle of the tooth, and more teeth give a sharper scatter, damaged or not. They
+        are distinguished by which mesh is modulated at that angle (`mesh_contrast`); a knock of the shaft modulates
+        none.
         """
         if not (row.also or gears[row.component].shaft):
             return row
@@ -433,7 +429,7 @@ class _Judge:
         return ToothEnvelope(energies=alone, order=row.order, harmonic=gear.smooth_orders + 1)
 
     def _at_tooth(self, row: GearJudgement, gear: _Tooth) -> NDArray[np.bool_]:
-        """Return which samples lie within some teeth of the damaged one."""
+        """Return which samples lie within `_MASKED_TEETH` of the damaged tooth."""
         energies = self.energies
         place = energies.start_rev + np.arange(energies.values.shape[1]) / energies.samples_per_rev
         apart = (gear.contacts * (row.order * place - row.position_rev) + 0.5) % 1.0 - 0.5
@@ -441,21 +437,21 @@ class _Judge:
 
 
 def most_conspicuous(judged: Sequence[GearJudgement]) -> list[GearJudgement]:
-    """Return judgements with the most conspicuous first, those explained by others last."""
+    """Return the rows with the strongest evidence first, those explained by others last."""
     return sorted(judged, key=lambda row: (bool(row.explained_by), _evidence(row)))
 
 
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
-    return (not row.judgeable, row.local, -row.statistic)
+    return (bool(row.not_judged), row.local, -row.statistic)
 
 
 def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: float) -> list[Finding]:
-    """Return the verdict on every gear, in the channel that shows it best.
+    """Return the verdict on every gear, from the channel with the strongest evidence.
 
-    A damaged tooth is *indicated*: a single pitch deviation of a sound gear is as local, and nothing in one record
-    tells the two apart. A baseline or a declared grade of ISO 1328-1 would. Where several teeth differ in the
-    same way in all parts of the record, and the highest by more than pitch deviations usually make it, it may be a pit,
-    and nothing is judged; nor is wear of all.
+    A damaged tooth is at most *indicated*: a single pitch deviation of a sound gear is equally local, and one record
+    cannot distinguish the two; a baseline or a declared grade of ISO 1328-1 could. If several teeth differ in the same
+    way throughout the record, and the highest by more than pitch deviations usually cause, they may be pitted, and the
+    gear is not judged. Wear of all teeth is not judged at all.
     """
     named: dict[str, GearJudgement] = {}
     for row in judged:
@@ -491,9 +487,9 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         )
         step += f" and the parts mounted on {row.knock_of}"
     evidence = (
-        f"between the mesh harmonics, {low:.4g} to {high:.4g} orders, the energy at one tooth{alike} is {row.rise:.1f} "
-        f"times that at the others in all parts of {row.turns} contacts per tooth, {row.outlier:.1f} of their standard "
-        f"deviations above their mean; not certain: {doubt}; compare with an earlier record, or measure "
+        f"between the mesh harmonics, from {low:.4g} to {high:.4g} orders, the energy at one tooth{alike} is "
+        f"{row.rise:.1f} times that at the others throughout {row.turns} contacts per tooth, {row.outlier:.1f} of "
+        f"their standard deviations above their mean; not certain: {doubt}; compare with an earlier record, or measure "
         "the tooth."
     )
     return replace(
@@ -507,26 +503,24 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
 
 
 def _unnamed(row: GearJudgement, stated: float) -> Finding:
-    """Return why a gear is not judged, or that no tooth stands out."""
+    """Return that no tooth stands out, or why the gear is not judged."""
     blank, (why, next_step, least_change) = _blank(row), _why_not_judged(row, stated)
     if why:
         return judging_nothing(blank, why, least_change, next_step)
-    alike = "uniform wear needs an earlier record"
+    alike = "uniform wear requires an earlier record"
     if row.differing <= DIFFERING_TEETH:
-        alike = (
-            "they differ as pitch deviations make them; pitting of many teeth or wear of all needs an earlier record"
-        )
+        alike = "they differ as pitch deviations cause; pitting of many teeth or wear of all requires an earlier record"
     return replace(
         blank,
         verdict=NOTHING_FOUND,
-        evidence=f"no tooth stands out in {row.turns} contacts per tooth; one of {row.least_rise:.2g} times the energy "
-        f"of the others in any band would have; {alike}.",
+        evidence=f"no tooth stands out in {row.turns} contacts per tooth; one with {row.least_rise:.2g} times the "
+        f"energy of the others in any one band would have; {alike}.",
         least_change=f"indicated at a probability of {stated:.3g} or less (now {row.probability:.3g})",
     )
 
 
 def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
-    """Return why an unnamed gear is not judged, empty where it is, what to do next, and what would change it."""
+    """Return why a gear without a finding is not judged, the next step and what would change that; empty if it is."""
     longer = "judged in a longer record, or a faster sampled one"
     if why := row.not_judged or (_NO_ANGLE if row.unmeasured_angle else ""):
         change = {_SICK: "judged with a sound sensor", _NO_ANGLE: "judged with a tachometer"}.get(why, longer)
@@ -539,15 +533,15 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
         return why, "", longer
     if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (
-            "its teeth differ in the same way in all parts of the record, as pitch deviations of a sound gear and pits "
-            f"on several teeth make them, and the highest stands {row.outlier:.1f} standard deviations above the others"
+            "its teeth differ in the same way throughout the record, as pitch deviations of a sound gear or pits on "
+            f"several teeth cause, and the highest is {row.outlier:.1f} standard deviations above the others"
         )
         change = f"nothing found, if that were below {HIGHEST_TOOTH:g} standard deviations"
         return why, _COMPARE, change
     if row.least_rise > GRAVE_RISE:
         why = (
-            f"its teeth differ too much, or are too few, for one to stand out in every band below {row.least_rise:.3g} "
-            f"times the energy of the others, and damaged ones may rise to {GRAVE_RISE:g} times it"
+            f"its teeth are too few, or differ too much, to exclude a damaged one in every band: in one of them only a "
+            f"tooth with {row.least_rise:.3g} times the energy of the others would stand out, and damage may cause less"
         )
         return why, _COMPARE, f"nothing found, if {GRAVE_RISE:g} times the energy of the others stood out"
     return "", "", ""
@@ -558,9 +552,9 @@ def _blank(row: GearJudgement) -> Finding:
         component=row.component,
         kind="tooth",
         channel=row.channel,
-        false_alarm_probability=max(row.probability, RAREST_STATED) if row.judgeable else math.nan,
+        false_alarm_probability=math.nan if row.not_judged else max(row.probability, RAREST_STATED),
         snr=row.outlier if math.isfinite(row.outlier) else 1e9,
-        strength=row.strength if row.judgeable else math.nan,
+        strength=math.nan if row.not_judged else row.strength,
         order_found=row.order,
         amplitude=row.amplitude,
         units=row.units,
@@ -568,14 +562,14 @@ def _blank(row: GearJudgement) -> Finding:
 
 
 def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
-    """Return how far the worst tooth of each gear stands out, for the table of indicators."""
+    """Return how far the worst tooth of each gear is above the others, for the table of indicators."""
     return [
         IndicatorValue(
             channel=row.channel,
             component=row.component,
             kind="gear",
             indicator="tooth_outlier",
-            value=row.outlier if row.judgeable else math.nan,
+            value=math.nan if row.not_judged else row.outlier,
             unit="1",
             noise_limit=math.nan,
             takes="residual energy over {} turns, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),

@@ -1,17 +1,17 @@
-"""How often healthy machines show as much: the null distribution of a verdict.
+"""Null distribution of the strength of evidence over healthy machines.
 
-A line that noise alone would not make is no defect: sound bearings have waviness, loads wander, other machines
-show. The distribution is that of the strength of the evidence over all parts of a library of healthy synthetic records
-with every drive and imperfection of the generator; ``benchmarks/healthy_library.py`` makes it, from synthetic records
-only. It is empirical up to its largest strength. Beyond, it goes on as the upper 95 % bound of a generalised Pareto
-tail, so that a gross defect stays one among any number of parts; but nothing below `RAREST_STATED` is stated.
+A line that exceeds noise is not necessarily a defect: sound bearings have waviness, loads fluctuate, and the sensor
+also picks up other machines. The distribution is that of the strength over all parts of a library of healthy synthetic
+records with every drive and imperfection of the generator, made by ``benchmarks/healthy_library.py``; no measured
+record enters it. It is empirical up to its largest strength and extrapolated beyond by the upper 95 % bound of a
+generalised Pareto tail, so that a gross defect is not lost among many parts; nothing below `RAREST_STATED` is reported.
 
-Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have a distribution each. That of teeth is
-over the records whose gears have pitch deviations, since every gear has some.
+Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have separate distributions, that of teeth
+from the records whose gears have pitch deviations, since every gear has some.
 
-A record with N parts shows its strongest by chance more often than each: ``1 - (1 - p)^N``, parts taken as independent,
-which is careful where they share a cause. The channels of a record are one test of a part, with the harmonic mean of
-their probabilities [1]_: p where they show the same, C times the least of C where one channel alone shows anything.
+For N parts the probability is ``1 - (1 - p)^N``, which treats them as independent and is conservative if they share a
+cause. The channels of a record are one test of a part, with the harmonic mean of their probabilities [1]_: p if all C
+channels agree, C times the least if only one shows anything.
 
 References
 ----------
@@ -44,9 +44,9 @@ class HealthyMachines:
     parts : int
         Number of parts in all of them.
     strengths : tuple of float
-        The largest strengths of parts, falling.
+        Largest strengths of parts, in descending order.
     tail_strengths, tail_bounds : tuple of float
-        Strengths beyond the largest, rising, and the upper 95 % bound of the probability that a part is as strong.
+        Ascending strengths beyond the largest, and the upper 95 % bound of the probability that a part reaches each.
     """
 
     records: int
@@ -56,11 +56,11 @@ class HealthyMachines:
     tail_bounds: tuple[float, ...] = ()
 
     def probability(self, strength: float, *, parts: int = 1, others: Sequence[float] = ()) -> float:
-        """Return the probability that any of `parts` parts of a healthy record shows this strength or more.
+        """Return the probability that any of `parts` parts of a healthy record reaches this strength.
 
-        `others` are the strengths of the same part in the record's other channels. Between two strengths of the
-        library the probability is interpolated in its logarithm. Above its largest that of a part is one over their
-        number plus one, or the bound of the tail where that is smaller.
+        `others` are the strengths of the same part in the other channels of the record. The logarithm of the
+        probability is interpolated between the strengths of the library. Above the largest, the probability for one
+        part is ``1 / (parts of the library + 1)``, or the bound of the tail if that is smaller.
 
         Examples
         --------
@@ -80,7 +80,7 @@ class HealthyMachines:
         return -math.expm1(parts * math.log1p(-single)) if single < 1 else 1.0
 
     def _of_one(self, strength: float) -> float:
-        """Return the probability that one part shows a strength in one channel."""
+        """Return the probability that one part reaches a strength in one channel."""
         if not strength > 0:
             return 1.0
         single = math.exp(float(np.interp(strength, *self._curve))) / (self.parts + 1)
@@ -98,7 +98,7 @@ class HealthyMachines:
         return np.concatenate([[0.0], known, known[-1:] * (1 + 1e-9)]), np.log(chance)
 
     def strength_at(self, probability: float, *, parts: int = 1, others: Sequence[float] = ()) -> float:
-        """Return the least strength whose `probability` is at most that stated; inf where no strength reaches it."""
+        """Return the least strength whose `probability` is at most that given; inf if none is."""
         low, high = 0.0, 2.0 * max(*self.strengths, *self.tail_strengths, 1.0)
         if self.probability(high, parts=parts, others=others) > probability:
             return math.inf

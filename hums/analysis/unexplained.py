@@ -1,10 +1,9 @@
 """Lines of an order spectrum that nothing in the drawing explains, and what they might be.
 
-A peak is explained where it stands at a multiple of a shaft's order, at a harmonic of a mesh or a sideband of one
-spaced by any shaft, at a multiple of the mains, or on the flank of a larger line. What is left is listed with the
-spacing that it shares with others: a family of multiples of one order is that bearing's whose defect order it is, else
-another machine's, or that of a part which the drawing lacks. Where such lines outdo the meshes that are drawn, the
-record does not look like its gearbox.
+A peak is explained by a multiple of a shaft order, by a harmonic of a mesh or a sideband of one spaced by any shaft, by
+a multiple of the mains, or as the flank of a larger line. The others are listed with the spacing that they share: a
+family of multiples of one order belongs to the bearing with that defect order, or else to another machine or a part
+missing from the drawing. If such lines exceed the meshes of the drawing, the record does not look like its gearbox.
 """
 
 import math

@@ -1,13 +1,13 @@
-"""The verdict on every part of the drawing, derived from the groups of an analysis alone.
+"""Verdicts on every part of the drawing, derived from the groups of an analysis alone.
 
-`/evidence` has what the envelopes show of bearings, `/gears` what one tooth of each gear shows, `/shafts` the level of
-each shaft's lines, `/unmeasured` the parts whose lines no band or record length carries, with the reason. What decides
-is there too: the library of healthy machines, the stated probability, the sensors' health. `derive_verdicts` so gives
-the same verdicts from the file as the analysis did.
+`/evidence` holds the evidence for bearings, `/gears` that for a damaged tooth of each gear, `/shafts` the levels of the
+lines of each shaft, and `/unmeasured` the parts whose lines are out of band or need a longer record, with the reason.
+The groups also hold what the verdicts depend on: the library of healthy machines, the stated probability, and the
+condition of the sensors. `derive_verdicts` therefore reproduces the verdicts of the analysis from its file.
 
-A shaft's lines grow with imbalance, a bend, misalignment and a resonance alike: its level is held against the limits of
-ISO 20816 that are declared for the machine, and against the first record of its baseline; without either it is not
-judged. A level is no proof of a cause, so that a shaft is at most indicated.
+Imbalance, a bend, misalignment and resonance all raise the lines of a shaft. Its level is compared with the limits of
+ISO 20816 declared for the machine and with the first record of its baseline; without either it is not judged. A level
+does not prove a cause, so a shaft is at most indicated.
 """
 
 import json
@@ -45,7 +45,7 @@ from hums.analysis.thresholds import (
     SLOWEST_VELOCITY_HZ,
     ZONE_SHARE,
 )
-from hums.gearbox.defect_orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder
 from signals._validation import checked
 from signals.spectra.integration import line_velocity
 
@@ -163,7 +163,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     tests, teeth = len({(row.channel, row.order) for row in gears}), _library(judged_gears)
     gears = [
         replace(row, probability=healthy_probability(row.strength, row.repeats, teeth, tests=tests))
-        if row.judgeable
+        if not row.not_judged
         else row
         for row in gears
     ]
@@ -204,10 +204,10 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
 
 
 def _unless_of_a_tooth(part: PartEvidence, named: Sequence[GearJudgement]) -> PartEvidence:
-    """Return the evidence for a bearing's part, hidden where impacts of one of the teeth that are named make its line.
+    """Return the evidence for a bearing part, hidden if the impacts of a named tooth cause its line.
 
-    They come once a turn and make lines at all multiples of their rate, exactly. A race does not make a tooth: impacts
-    at a whole multiple of the turn, which a bearing that slips strikes by accident, meet several teeth alike.
+    A tooth causes lines at exact multiples of its contact rate. The reverse does not hold: impacts of a race at a
+    multiple of the rotation rate, by coincidence of slip, would be distributed over several teeth.
     """
     for row in named if part.strength > 0 and not part.hidden_by else ():
         multiple, near = round(part.found / row.order), EXACT_BINS * part.bin_width
@@ -237,14 +237,14 @@ def _read(library: str) -> HealthyMachines:
 def unmeasured_parts(
     channels: Sequence[AnalysedChannel], gears: Sequence[GearJudgement], machine: Machine, settings: AnalysisSettings
 ) -> list[Unmeasured]:
-    """Return the parts of the drawing that no evidence is of, each with the reason.
+    """Return the parts of the drawing without evidence, each with the reason.
 
     Parameters
     ----------
     channels : sequence of AnalysedChannel
     gears : sequence of GearJudgement
     machine : Machine
-        Whose defect orders name every part that can fail.
+        Its defect orders name every part that can fail.
     settings : AnalysisSettings
     """
     seen = {(part.component, part.kind) for channel in channels for part in channel.evidence}
@@ -255,37 +255,26 @@ def unmeasured_parts(
         key = (row.component, row.kind)
         can_fail = row.kind in {*BEARING_KINDS, "tooth", _SHAFT_KIND} and row.order > 0
         if can_fail and key not in seen and key not in found:
-            reason = _why_no_line if row.kind in BEARING_KINDS else _why_too_short
-            why, least_change = reason(row.order, channels, machine, settings)
+            why, least_change = _why_unmeasured(row, channels, machine, settings)
             found[key] = Unmeasured(component=row.component, kind=row.kind, why=why, least_change=least_change)
     return list(found.values())
 
 
-def _why_too_short(
-    order: float, channels: Sequence[AnalysedChannel], _machine: Machine, _settings: AnalysisSettings
+def _why_unmeasured(
+    row: DefectOrder, channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings
 ) -> tuple[str, str]:
-    cycles = order * max(float(channel.revolutions) for channel in channels)
-    return (
-        f"too short: {cycles:.2g} turns of it in the record, of the {FEWEST_CYCLES:g} needed",
-        f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
-    )
-
-
-def _why_no_line(
-    order: float, channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings
-) -> tuple[str, str]:
-    """Return why the line of a bearing's part is in no envelope, and what would change that."""
-    if settings.envelope_band_hz is None:
+    """Return why no line of a part was measured, and what would change that."""
+    bearing, turns = row.kind in BEARING_KINDS, max(float(channel.revolutions) for channel in channels)
+    cycles, line_hz = row.order * turns, row.order * machine.top_speed_hz
+    if bearing and settings.envelope_band_hz is None:
         return "out of band: no envelope was requested", "judged with an envelope band (envelope_band_hz)"
-    turns = max(float(channel.revolutions) for channel in channels)
-    cycles, line_hz = order * turns, order * machine.top_speed_hz
-    if cycles < FEWEST_CYCLES:
+    if cycles < FEWEST_CYCLES or not bearing:
         return (
-            f"too short: {cycles:.2g} cycles of its line in the record, of the {FEWEST_CYCLES:g} needed",
+            f"too short: the record holds {cycles:.2g} cycles of its line; {FEWEST_CYCLES:g} are required",
             f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
         )
     reach = max(channel.envelope_reach for channel in channels)
-    if order * (1 + settings.slip) > reach:
+    if row.order * (1 + settings.slip) > reach:
         carries = f"the {reach * machine.top_speed_hz:.4g} Hz that its envelopes carry" if reach else "what they carry"
         remedy = "a wider envelope band" if isinstance(settings.envelope_band_hz, tuple) else "a higher sampling rate"
         return f"out of band: its line at {line_hz:.4g} Hz is above {carries}", f"judged with {remedy}"
@@ -374,7 +363,7 @@ def _integrable(units: str) -> bool:
 def _shaft_verdicts(
     rows: Sequence[ShaftLevel], limits: Sequence[float] | None, sick: Sequence[str]
 ) -> Iterator[Finding]:
-    """Yield the verdict on every shaft, in the channel with the gravest."""
+    """Yield the verdict on every shaft, from the channel with the gravest."""
     for component in dict.fromkeys(row.component for row in rows):
         own = [row for row in rows if row.component == component]
         sound = [row for row in own if row.channel not in sick]
@@ -385,7 +374,7 @@ def _shaft_verdicts(
 
 
 def _shaft_verdict(row: ShaftLevel, limits: Sequence[float] | None) -> Finding:
-    """Return the verdict on a shaft in one channel: its zone, its change, or that it has neither."""
+    """Return the verdict on a shaft in one channel from its zone and its change, not judged if it has neither."""
     compared = math.isfinite(row.baseline_level)
     zoned = limits is not None and row.units == _MM_S and row.speed_hz >= SLOWEST_VELOCITY_HZ
     if not compared and not zoned:
