@@ -212,12 +212,12 @@ def errors_at(meshes: Sequence[Mesh], *, revolutions: float, time_s: float) -> A
 
 @dataclass(frozen=True, kw_only=True)
 class Spring:
-    """A linear spring with a parallel damper: force ``-g (stiffness g . q + damping g . q')``.
+    """A linear spring with a parallel damper: force ``-g (stiffness s + damping s')`` for a deflection s.
 
     Attributes
     ----------
     direction : (dof,) array
-        g: the deflection is ``g . q``.
+        g: the deflection s is ``g . q``.
     stiffness, damping : float
         N/m and N s/m, or N m/rad and N m s/rad where the deflection is an angle.
 
@@ -239,7 +239,9 @@ class Spring:
 
 @dataclass(frozen=True, kw_only=True)
 class System:
-    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(g_m . q - e_m(phi_m)) = F(t)``.
+    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(s_m) = F(t)``.
+
+    The deflection of mesh m is ``s_m = g_m . q - e_m(phi_m)``.
 
     Attributes
     ----------
