@@ -126,7 +126,7 @@ COVERAGE = Section(
             what=f"coverage cells outside limits, {words}",
             limit=fixed(OUTSIDE.get(kind, 1)),
         )
-        for kind, words in (KINDS | {"slipping order": "five kinds of record"}).items()
+        for kind, words in (KINDS | {"slipping order": "six kinds of record"}).items()
     ),
     tasks=coverage_tasks,
     figures=coverage_figures,

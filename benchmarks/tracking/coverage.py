@@ -38,7 +38,7 @@ WITHIN = 1.645  # standard deviations: 90 % of a normal distribution
 DRAWN, CONSTANT = ((0.85, 0.95), (0.8, 1.25)), ((0.85, 1.0), (0.0, 1.6))  # limits of coverage and ratio
 # of the slipping order: samples a revolution, bandwidth in orders and change of the slip in a revolution
 SLIPPING, PER_REV, WIDTH, CHANGE, RECORDS = 3.6, 32.0, 0.1, 1e-3, 24
-SLIPPING_KINDS = ("white", "pink", "resonance", "gaps", "run-up")
+SLIPPING_KINDS = ("white", "pink", "resonance", "gaps", "offset", "run-up")
 FASTER = (1, 2, 4, 8)  # than declared
 
 
@@ -192,7 +192,7 @@ def _followed(
         q = process_variance(orders=[1], bandwidth=WIDTH, rate=PER_REV, poles=1, noise_variance=1.0)
         scale = np.sqrt(q * _density(kind, SLIPPING * speed, SLIPPING, WIDTH))
         truth += np.cumsum(scale * (rng.standard_normal(samples) + 1j * rng.standard_normal(samples)))
-    x = _noise(rng, kind, (samples,), PER_REV, SLIPPING, WIDTH)
+    x = OFFSET * (kind == "offset") + _noise(rng, kind, (samples,), PER_REV, SLIPPING, WIDTH)
     x += (truth * np.exp(1j * SLIPPING * np.cumsum(step * (1 + slip)))).real
     given: dict[str, Any] = {"phase_rad": turn, "order": SLIPPING, "largest_slip": 0.06, "slip_change_per_rev": CHANGE}
     track = track_slipping_order(

@@ -1,8 +1,8 @@
 """Loops over samples and blocks of the extended Kalman filter and smoother of a slipping order; see `slip`.
 
-A state is the real parts of A over the harmonics, their imaginary parts, and the slip. The covariance filter of
-`signals.harmonics` runs through the samples, linearised at one state a block, and predicts from block to block; a
-Rauch-Tung-Striebel smoother runs backward.
+A state is the real parts of A over the harmonics, their imaginary parts, the mean of the record, and the slip. The
+covariance filter of `signals.harmonics` runs through the samples, linearised at one state a block, and predicts from
+block to block; a Rauch-Tung-Striebel smoother runs backward.
 """
 
 from typing import NamedTuple
@@ -38,7 +38,7 @@ class SlipChain(NamedTuple):
 @compiled_sums_in_place
 def _linearise(chain: SlipChain, m: int, state: Floats, H: Floats, samples: Floats) -> int:
     """Linearise block m at a state: fill H and the first of `samples`, `x - h(state) + H state`; return its length."""
-    first, harmonics = chain.edges[m], state.size // 2
+    first, harmonics = chain.edges[m], state.size // 2 - 1
     count = int(chain.edges[m + 1] - first)
     linear, lead, whole, cosine, sine = samples[0], samples[1], samples[2], samples[3], samples[4]
     for n in range(count):
@@ -47,7 +47,7 @@ def _linearise(chain: SlipChain, m: int, state: Floats, H: Floats, samples: Floa
     fill_phasors(1.0, whole[:count], cosine, sine)
     for n in range(count):
         c, s = 1.0, 0.0
-        H[n, -1] = 0.0
+        H[n, -2], H[n, -1] = 1.0, 0.0
         for k in range(harmonics):
             c, s = c * cosine[n] - s * sine[n], s * cosine[n] + c * sine[n]
             real, imaginary = state[k], state[harmonics + k]
@@ -90,10 +90,10 @@ def _predict(
     The step is its `turns`, `process` and `slip_process` of the chain. Fills F, F P, and both predictions.
     """
     turn, process, slip_process = step
-    size, harmonics, middle = mean.size, mean.size // 2, 0.5 * (at[-1] + ahead)
+    size, harmonics, middle = mean.size, mean.size // 2 - 1, 0.5 * (at[-1] + ahead)
     off = mean[-1] - middle
     F[:] = 0.0
-    F[-1, -1] = 1.0
+    F[-2, -2] = F[-1, -1] = 1.0
     for k in range(harmonics):
         rate = (k + 1) * turn
         c, s = np.cos(rate * middle), np.sin(rate * middle)
@@ -104,11 +104,12 @@ def _predict(
         F[harmonics + k, -1] = rate * (c * at[k] - s * at[harmonics + k])
         mean_ahead[k] = c * mean[k] - s * mean[harmonics + k] + F[k, -1] * off
         mean_ahead[harmonics + k] = s * mean[k] + c * mean[harmonics + k] + F[harmonics + k, -1] * off
-    mean_ahead[-1] = mean[-1]
+    mean_ahead[-2], mean_ahead[-1] = mean[-2], mean[-1]
     _times(F, P, FP)
     _times(F, FP, P_ahead)
     for a in range(size):
-        P_ahead[a, a] += process if a < size - 1 else 0.0
+        if a < size - 1:
+            P_ahead[a, a] += process if a < 2 * harmonics else 0.5 * process  # the mean has one quadrature
         for b in range(a + 1):
             # The slip within the step is the mean of both blocks', so its change turns the line by half as much.
             share = (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)

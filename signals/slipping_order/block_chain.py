@@ -54,7 +54,7 @@ def in_blocks(record: SlipRecord, line: Line, *, width: Floats, noise_variance: 
     cut = (after - before > 1) & (turned > 2 * pi * line.steady_rev)
     process[(before[cut] + after[cut]) // 2] = PRIOR_STD**2
 
-    prior_std = np.append(np.full(2 * line.harmonics, PRIOR_STD), line.largest_slip)
+    prior_std = np.append(np.full(2 * line.harmonics + 1, PRIOR_STD), line.largest_slip)
     turning = record.turning[centres]
     return SlipChain(
         x=record.x / np.sqrt(noise_variance), phase=record.phase, order=line.order, edges=edges, centres=centres,
@@ -71,12 +71,14 @@ def _scratch(chain: SlipChain) -> tuple[Floats, Floats]:
 
 def _objective(chain: SlipChain, states: Floats) -> float:
     """Return half the sum of squares at these states: samples, changes from block to block, and the first state."""
-    harmonics, slip = states.shape[1] // 2, states[:, -1]
-    amplitude = states[:, :harmonics] + 1j * states[:, harmonics:-1]
+    harmonics, mean, slip = states.shape[1] // 2 - 1, states[:, -2], states[:, -1]
+    amplitude = states[:, :harmonics] + 1j * states[:, harmonics:-2]
     turn = np.outer(0.5 * (slip[1:] + slip[:-1]) * chain.turns, np.arange(1, harmonics + 1))
     changes = np.abs(amplitude[1:] - np.exp(1j * turn) * amplitude[:-1]) ** 2 / chain.process[:, None]
     total = squares(chain, states, *_scratch(chain)) + float(
-        np.sum(changes) + np.sum(np.diff(slip) ** 2 / chain.slip_process)
+        np.sum(changes)
+        + np.sum(np.diff(mean) ** 2 / (0.5 * chain.process))
+        + np.sum(np.diff(slip) ** 2 / chain.slip_process)
     )
     total += float(np.sum(((states[0] - chain.prior_mean) / chain.prior_std) ** 2))
     return 0.5 * total

@@ -4,11 +4,11 @@ The rollers of a bearing slide, so its orders differ from their nominal values b
 tracker at the nominal order needs a bandwidth so wide that it passes much noise; here the slip s, relative to the
 order, is part of the state. Within a block of samples whose middle is c, and from one middle to the next,
 
-    y[n] = sum_k Re{ A_k exp(j k order (phase[n] + s (phase[n] - phase_c))) } + v[n],     var v = R,
+    y[n] = b + sum_k Re{ A_k exp(j k order (phase[n] + s (phase[n] - phase_c))) } + v[n],     var v = R,
     s -> s' = s + e,     A_k -> exp(j k order (s + s') / 2 (step of the phase)) A_k + w.
 
-Each quadrature of A is the random walk of `model`: with a known slip this is the plain smoother with one pole and the
-same `bandwidth`. The slip is a random walk over shaft angle.
+Each quadrature of A is the random walk of `model`, and so is the mean b: with a known slip this is the plain smoother
+with one pole and the same `bandwidth`. The slip is a random walk over shaft angle.
 
 The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). The smoother minimises the exact sum of squares,
 samples over R, changes over their variances, by Gauss-Newton steps: each is a Kalman filter and a Rauch-Tung-Striebel
@@ -163,7 +163,8 @@ def track_slipping_order(
 ) -> SlippingTrack:
     """Estimate the complex amplitudes and the slip of an order that varies about its nominal value.
 
-    Other orders are noise to this estimator: subtract the mean and strong orders near it from `x` first.
+    The mean of the record is tracked as an order of its own. Others are noise to this estimator: subtract strong ones
+    near it from `x` first.
 
     Parameters
     ----------
@@ -323,9 +324,9 @@ def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_varia
 
 def _polar(means: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:
     """Return amplitudes, `std` of their parts, std of their absolute values, and std of their phases in rad."""
-    harmonics = means.shape[1] // 2
+    harmonics = means.shape[1] // 2 - 1
     k = np.arange(harmonics)
-    real, imaginary = means[:, :harmonics].T, means[:, harmonics:-1].T
+    real, imaginary = means[:, :harmonics].T, means[:, harmonics:-2].T
     var_real = covariances[:, k, k].T
     var_imaginary = covariances[:, harmonics + k, harmonics + k].T
     both = covariances[:, k, harmonics + k].T

@@ -180,6 +180,16 @@ def test_one_output_for_much_of_the_record_is_no_surer_for_it(every):
     assert few.innovation_mean_square == pytest.approx(dense.innovation_mean_square, abs=0.02)
 
 
+@pytest.mark.parametrize("estimator", ["smoother", "filter"])
+def test_an_offset_of_the_record_does_not_matter(estimator):
+    x, phase, *_ = drawn(np.arange(60 * PER_REV) / PER_REV, seed=2)
+    given = {"phase_rad": phase, "estimator": estimator, **SETTING}
+    one, other = (track_slipping_order(x + offset, **given) for offset in (0.0, 5 * np.std(x)))
+    later = one.sample_index > 20 * PER_REV  # the filter has to learn the offset
+    assert np.abs((other.complex_amplitude - one.complex_amplitude)[:, later] / one.std[:, later]).mean() < 0.2
+    assert np.abs((other.slip - one.slip)[later] / one.slip_std[later]).mean() < 0.2
+
+
 @pytest.mark.parametrize("unit", [1e-90, 1e-40, 1e40, 1e90])
 def test_the_unit_of_the_record_does_not_matter(unit):
     x, phase, *_ = drawn(np.arange(30 * PER_REV) / PER_REV, seed=2)
