@@ -267,7 +267,7 @@ def main(arguments: list[str]) -> int:
         if not make_dataset(plan, folder, workers=workers).kept:
             cost = (
                 f"Making a record took {(_cpu_s() - used) / plan.records:.2f} s of one core, all of them "
-                f"{(time.perf_counter() - begun) / 60:.1f} minutes with {chosen.workers} worker(s)."
+                f"{(time.perf_counter() - begun) / 60:.1f} minutes; worker processes: {chosen.workers}."
             )
         text = page(folder, plan, cost, workers=chosen.workers)
     chosen.out.mkdir(parents=True, exist_ok=True)

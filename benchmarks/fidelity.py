@@ -219,7 +219,7 @@ def draw(ax: Any, measured: Mapping[str, list[Row]]) -> None:  # noqa: ANN401
     ax.plot([], [], "d-", color="0.4", ms=4, lw=0.8, label=f"dynamic, {', '.join(map(str, STEPS))} steps per sample")
     ax.plot([], [], "o", ms=12, mfc="none", color="0.4", label="auto")
     ax.axhline(-40, color="0.7", lw=0.8, ls="--")
-    ax.set(xscale="log", xlabel=f"s for {DURATION_S:g} s of record", ylabel="difference from fine steps, dB")
+    ax.set(xscale="log", xlabel=f"CPU s per {DURATION_S:g} s of record", ylabel="difference from fine steps, dB")
     ax.set_xticks(TICKS_S, [f"{tick:g}" for tick in TICKS_S])
     ax.minorticks_off()
     ax.legend(fontsize=7, markerscale=0.7, labelspacing=0.8, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -73,7 +73,7 @@ def draw_stability(figure: Figure, page: dict[str, Any]) -> None:
     axes, growth = figure.subplots(), page["growth"]
     shown = np.where(growth.unstable, growth.growth - 1, np.nan)
     image = axes.pcolormesh(growth.speeds_rad_s, growth.parameters, shown, cmap="viridis_r", rasterized=True)
-    figure.colorbar(image, label="growth in a period less 1")
+    figure.colorbar(image, label="growth per period, minus 1")
     modes = page["pair_modes"].angular[1:]
     for rate, name in ((2 * modes[0], "2 w2"), (modes[0], "w2"), (modes[0] + modes[1], "w2 + w3")):
         axes.axvline(rate, color="0.4", lw=0.6, ls="--")
@@ -98,7 +98,7 @@ def draw_splitting(figure: Figure, page: dict[str, Any]) -> None:
     steps, errors = 20 * np.array(page["steps"]), np.array(page["errors"])
     axes.loglog(steps, errors, "o-", ms=3, label="splitting")
     axes.loglog(steps[:4], 3 * errors[0] * (steps[0] / steps[:4]) ** 4, color="0.5", ls="--", label="fourth order")
-    axes.set(xlabel="steps to a mesh period", ylabel="relative error of the state, worst entry")
+    axes.set(xlabel="steps per mesh period", ylabel="relative error of the state, worst entry")
     axes.set_xticks(steps, [str(each) for each in steps])
     axes.minorticks_off()
     axes.legend(fontsize=7, frameon=False)

@@ -137,7 +137,7 @@ def draw(ax: "Axes", made: Case) -> None:
         ax.plot(rpm, found, color=LINE, linewidth=0.9, label="tracked" if not number else None)
         top = int(np.argmax(true))
         ax.annotate(f"{made.orders[line]:.2f}", (rpm[top], true[top]), color=MARK, fontsize=8, ha="center", va="bottom")
-    ax.set(xlabel="speed of the input, rev/min", ylabel="amplitude, g", ylim=(0, None))
+    ax.set(xlabel="speed of the input, rpm", ylabel="amplitude, g", ylim=(0, None))
     ax.legend(frameon=False, fontsize=8)
 
 

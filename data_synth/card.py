@@ -11,8 +11,8 @@ from data_synth.scene.faults import DIMENSIONS
 _TEXT = """\
 # {title}
 
-{records:,} records of {duration:g} s at {rate:g} Hz: {channels}, and a tachometer with {pulses} pulse(s) per revolution
-of "{link}". Seed {seed}. All records are simulated; no machine was measured.
+{records:,} records of {duration:g} s at {rate:g} Hz: {channels}, and a tachometer on "{link}"; pulses per revolution:
+{pulses}. Seed {seed}. All records are simulated; no machine was measured.
 {about}
 `shards/*.h5` hold the records (HDF5 in netCDF4 layout) with their ground truth, `index.h5` and `labels.csv` all
 labels{parquet}. `plan.toml` states every range and every default; `hums dataset plan.toml` of hums-toolkit {package}

@@ -20,6 +20,7 @@ from data_synth.sources.impact_responses import impact_lines
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.run import Motion, contacts_in, motion_of
+from hums.gearbox.components import count
 from signals._validation import checked
 
 # Seconds on one core of a 2020s server: 0.3 to 1.1 times the processor time of 12 records of six kinematic scenes.
@@ -168,8 +169,8 @@ def explain(
     parts = (*gears, *_parts(stage, declared, time_factor))
     return Explanation(
         title=(
-            f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {channels} channel(s) at "
-            f"{declared.rate_hz:g} Hz, {samples} samples each"
+            f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {count(channels, 'channel')} "
+            f"at {declared.rate_hz:g} Hz, {samples} samples each"
         ),
         parts=parts,
         seconds=_SETUP_S + sum(part.seconds for part in parts),
@@ -193,7 +194,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
         lines = int(family.nonzero.sum())
         yield Part(
             name=family.component,
-            what=f"{lines} line(s) from order {_first(family):.6g}",
+            what=f"{count(lines, 'line')} from order {_first(family):.6g}",
             why=_why(family, faulty),
             seconds=samples * _PER_LINE * family.coefficients.shape[0],
         )
@@ -227,17 +228,16 @@ def _outside(scene: Scene) -> Iterator[Part]:
 
 def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
     """Return a train of impacts as a part."""
-    fault = scene.faults[number]
     what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
     by_paths = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "measured transfer paths" if by_paths else f"excites {scene.resonance.frequency_hz:g} Hz"
-    why = f"fault {number + 1}, {fault.kind}: {rings}"
+    why = f"fault {number + 1}, {scene.faults[number].kind}: {rings}"
     return Part(name=train.component, what=what, why=why)
 
 
 def _way(transfer: Transfer) -> str:
     if transfer.lines is None:
-        return f"{len(transfer.modes or ())} mode(s)"
+        return count(len(transfer.modes or ()), "mode")
     return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
 
 
@@ -255,7 +255,7 @@ def _gears(motion: Motion, choice: Choice) -> Iterator[Part]:
         running = scene.samples + motion.settling_time_s * scene.rate_hz
         yield Part(
             name="fidelity",
-            what=f"{dof} degrees of freedom, {steps} step(s) per sample",
+            what=f"{dof} degrees of freedom, {count(steps, 'step')} per sample",
             why=f"{choice}; error below {motion.error:g}",
             seconds=_TEETH_S
             + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * len(meshes) ** 2)
@@ -341,8 +341,8 @@ def refuse_too_large(
     for need, free, where in places:
         if free is not None and need > free:
             raise SceneError(
-                f"duration_s = {declared.duration_s:g}: the record has {rows} row(s) of {declared.samples} samples and "
-                f"needs {need / 1e9:.3g} GB {where}, but {free / 1e9:.3g} GB are free; shorten it to about "
+                f"duration_s = {declared.duration_s:g}: the record has {count(rows, 'row')} of {declared.samples} "
+                f"samples and needs {need / 1e9:.3g} GB {where}, but {free / 1e9:.3g} GB are free; shorten it to about "
                 f"{0.9 * declared.duration_s * free / need:.2g} s, lower rate_hz, or make several records."
             )
 

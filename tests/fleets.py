@@ -27,12 +27,12 @@ KEYS = tuple(
 )
 
 
-def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0, sick=(), record=""):
+def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0, faulty=(), record=""):
     rng = np.random.default_rng([seed, number])
     values = {
         key: float(0.1 * rng.standard_normal() + shift * (key.component == component) + gain * key.power)
         for key in KEYS
-        if key.channel not in sick
+        if key.channel not in faulty
     }
     return Observation(
         machine="mill",
@@ -40,7 +40,7 @@ def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0
         recorded_at=(FIRST + timedelta(days=number)).isoformat(),
         values=values,
         covariates={"speed_hz": speed_hz * (1 + 0.01 * rng.standard_normal())},
-        sick=dict.fromkeys(sick, "clipped"),
+        faulty=dict.fromkeys(faulty, "clipped"),
     )
 
 

@@ -323,8 +323,8 @@ def _pulses(scene: Scene, drive: Drive, *, rng_for: RandomStreams) -> Pulses:
         turned = float(np.ptp(drive.angle.revolutions(np.array([0.0, last_s(scene)])))) * ratio_of(scene, link)
         remedy = "lengthen the scene" if turned else "raise the torque to start it"
         raise SceneError(
-            f"duration_s = {scene.duration_s:g} covers {pulses.times_s.size} pulse(s) of the tachometer, but a speed "
-            f"needs 2; its link makes {turned:.3g} revolutions: {remedy}."
+            f"duration_s = {scene.duration_s:g}, tachometer pulses within it: {pulses.times_s.size}; a speed needs 2. "
+            f"The link makes {turned:.3g} revolutions: {remedy}."
         )
     return pulses
 

@@ -1,1 +1,1 @@
-"""Gears that vibrate: meshes, torques, motion, and the forces at the sensors."""
+"""Gear dynamics: meshes, torques, motion, and forces at the sensors."""

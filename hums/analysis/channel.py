@@ -112,7 +112,7 @@ class AnalysedChannel:
     @property
     def faulty(self) -> bool:
         """Whether the sensor is faulty, so that nothing estimated from it is reliable."""
-        return self.condition is not None and self.condition.status == "sick"
+        return self.condition is not None and self.condition.status == "faulty"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,7 +220,7 @@ def analyse_channel(
     elif no_band:
         out_of_range = [*out_of_range, *in_envelopes]
     state = _pooled_condition(name, channel, parts)
-    faulty = state is not None and state.status == "sick"
+    faulty = state is not None and state.status == "faulty"
     alike = [part for part in parts if part.faulty == faulty]
     gears, indicators = _pooled_gears(alike), _pooled_indicators(alike, baseline)
     if best is not None and not faulty:
@@ -415,9 +415,9 @@ def _pooled_condition(name: str, channel: ChannelSegments, parts: Sequence[_Part
     known = [(part.health, part.turns) for part in parts if part.health is not None]
     if not known:
         return None
-    rank = ("ok", "suspect", "sick").index
+    rank = ("ok", "suspect", "faulty").index
     worst = max((health for health, _ in known), key=lambda health: rank(health.status))
-    faulty = sum(turns for health, turns in known if health.status == "sick")
+    faulty = sum(turns for health, turns in known if health.status == "faulty")
     status: str = worst.status
     if faulty < _FAULTY_SHARE * sum(turns for _, turns in known):
         status = min(status, "suspect", key=rank)

@@ -53,7 +53,7 @@ _SMOOTH_ORDERS = (
 )
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, removed before weaker gears are tested again
 _NO_ANGLE = "the speed is nominal and no line follows its changes, so the angle is not known to within a tooth"
-_SICK = "the sensor is sick"
+_FAULTY = "the sensor is faulty"
 _COMPARE = "Compare with an earlier record at the same speed and load, or inspect the teeth."
 _ROTATIONS = (999, 9999)  # least and most; more only cost time
 _LEAST_LOCAL = 1e-30  # far below that of any healthy gear
@@ -206,7 +206,7 @@ def gear_damage(
         for gear in gears
     ]
     if segment.faulty:
-        return [replace(row, not_judged=_SICK) for row in judged]
+        return [replace(row, not_judged=_FAULTY) for row in judged]
     try:
         residual = _residual(segment)
         energies = residual_energies(
@@ -523,7 +523,7 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     """Return why a gear without a finding is not judged, the next step and what would change that; empty if it is."""
     longer = "judged in a longer record, or a faster sampled one"
     if why := row.not_judged or (_NO_ANGLE if row.unmeasured_angle else ""):
-        change = {_SICK: "judged with a sound sensor", _NO_ANGLE: "judged with a tachometer"}.get(why, longer)
+        change = {_FAULTY: "judged with a sound sensor", _NO_ANGLE: "judged with a tachometer"}.get(why, longer)
         return why, "", change
     if row.explained_by and row.probability <= stated:
         by = row.explained_by

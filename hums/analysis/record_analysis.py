@@ -493,7 +493,7 @@ def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iter
 def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
     if channel.faulty:
         yield (
-            f'Channel "{channel.name}" is sick (see sensor health): its indicators are withheld but for the raw RMS, '
+            f'Channel "{channel.name}" is faulty (see sensor health): its indicators are withheld but for the raw RMS, '
             "and no damage is diagnosed from it."
         )
     if channel.left_out:

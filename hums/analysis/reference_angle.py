@@ -161,7 +161,7 @@ class Machine:
 
     @property
     def tachometer_condition(self) -> tuple[str, tuple[str, ...]]:
-        """Status of the tachometer, "ok", "suspect" or "sick" (faulty), and a sentence for each reason."""
+        """Status of the tachometer, "ok", "suspect" or "faulty", and a sentence for each reason."""
         phase, reasons = self.source.phase, list(self.source.unusable)
         repairs = phase.repairs
         if repairs.total:
@@ -181,7 +181,7 @@ class Machine:
                 f"{self.reference} is blurred. Check the sensor and its threshold."
             )
         faulty = repairs.total > _FAULTY_PULSES * phase.times_s.size or self.jitter_limit_order < 1
-        return ("sick" if faulty else "suspect" if reasons else "ok"), tuple(reasons)
+        return ("faulty" if faulty else "suspect" if reasons else "ok"), tuple(reasons)
 
 
 _NOISE_BANDWIDTH = math.pi / 4 / math.sqrt(math.sqrt(2) - 1)  # of 1 / (1 + (f/f0)^2) over its full -3 dB width

@@ -54,7 +54,7 @@ class EnvelopeBand:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorCondition:
-    """Condition of a sensor: status "ok", "suspect" or "sick" (faulty), and a sentence for each reason.
+    """Condition of a sensor: status "ok", "suspect" or "faulty", and a sentence for each reason.
 
     ``missing`` is the fraction of samples without signal; ``not_judged`` lists the checks for which the record is too
     short or too slowly sampled.
@@ -638,8 +638,8 @@ def health_table(analysis: Analysis) -> "pd.DataFrame":
     Returns
     -------
     pandas.DataFrame
-        name; sensor, ``"vibration"`` or ``"tachometer"``; status, ``"ok"``, ``"suspect"`` or ``"sick"``; reasons for a
-        status other than ``"ok"``; missing, the fraction of samples without signal; not_judged, the checks for which
+        name; sensor, ``"vibration"`` or ``"tachometer"``; status, ``"ok"``, ``"suspect"`` or ``"faulty"``; reasons for
+        a status other than ``"ok"``; missing, the fraction of samples without signal; not_judged, the checks for which
         the record is too short or too slowly sampled.
 
     Examples

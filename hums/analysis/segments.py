@@ -110,7 +110,7 @@ class Segment:
     @property
     def faulty(self) -> bool:
         """Whether the sensor is faulty, so that nothing estimated from it is reliable."""
-        return self.health is not None and self.health.status == "sick"
+        return self.health is not None and self.health.status == "faulty"
 
     @cached_property
     def filled(self) -> Values:
@@ -392,7 +392,7 @@ def scanned(parts: Sequence[xr.Dataset], name: str, scans: Sequence[Scan]) -> Ch
     when = sampling(parts[0], name)
     lost, count = sum(scan.lost for scan in scans), sum(scan.count for scan in scans)
     gaps, why = _gaps(scans, when) if lost else "", ""
-    status, reasons = "sick", f"It drops out: it has {gaps}."
+    status, reasons = "faulty", f"It drops out: it has {gaps}."
     if gaps:
         why = (
             f'channel "{name}" has {gaps}, and no segment between gaps that can be used. Choose another channel, '

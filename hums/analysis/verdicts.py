@@ -170,8 +170,8 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     unmeasured = rows_of(groups[f"/{UNMEASURED}"], Unmeasured)
     health = groups["/health"]
     sensors = zip(*(health.variables[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
-    sick = {(sensor, name) for name, sensor, status in sensors if status == "sick"}
-    faulty = [name for sensor, name in sick if sensor == "vibration"]
+    failed = {(sensor, name) for name, sensor, status in sensors if status == "faulty"}
+    faulty = [name for sensor, name in failed if sensor == "vibration"]
     # bearings and gears share what may be named in health
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
     share = (GEARS_SHARE, 1 - GEARS_SHARE) if gears and bearings else (1.0, 1.0)
@@ -194,7 +194,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     if contradiction := str(attrs[CONTRADICTION]):
         change = "judged with the speed and drawing of the machine that was recorded"
         return [judging_nothing(one, contradiction, change) for one in judged]
-    if any(sensor == "tachometer" for sensor, _ in sick):
+    if any(sensor == "tachometer" for sensor, _ in failed):
         why = "speed: the tachometer is faulty, so that no order is reliable"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
     if doubt := str(attrs[DOUBT]):
@@ -361,12 +361,12 @@ def _integrable(units: str) -> bool:
 
 
 def _shaft_verdicts(
-    rows: Sequence[ShaftLevel], limits: Sequence[float] | None, sick: Sequence[str]
+    rows: Sequence[ShaftLevel], limits: Sequence[float] | None, faulty: Sequence[str]
 ) -> Iterator[Finding]:
     """Yield the verdict on every shaft, from the channel with the gravest."""
     for component in dict.fromkeys(row.component for row in rows):
         own = [row for row in rows if row.component == component]
-        sound = [row for row in own if row.channel not in sick]
+        sound = [row for row in own if row.channel not in faulty]
         if not sound:
             yield _shaft_not_judged(own[0], "the sensor is faulty and may itself produce any line", "a sound sensor")
             continue

@@ -220,7 +220,7 @@ class Judgement:
     why : str
         Why not: ``learning``, or the reason it was refused.
     index : mapping of str to float
-        Condition index of each component: 0 normal, 1 alarm; NaN where its sensors are sick.
+        Condition index of each component: 0 normal, 1 alarm; NaN where its sensors are faulty.
     scores : mapping of str to float
         Score of each component in standard deviations.
     growth : mapping of str to (str, str, float)
@@ -564,16 +564,16 @@ def _stepped(
 
 
 def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
-    """Return the alarms of sensors that are sick, by the same rule: an index of 1 while they are."""
+    """Return the alarms of sensors that are faulty, by the same rule: an index of 1 while they are."""
     alarms: list[dict[str, Any]] = []
     if seen.unjudged == "not analysed":
         return alarms
     watched = {
         name.removeprefix("sensor ").removesuffix(": health") for name in state.alarms if name.endswith(": health")
     }
-    for sensor in sorted(watched | set(seen.sick)):
-        driver = (sensor, f"health: {seen.sick.get(sensor, '')}")
-        alarms += _stepped(state, seen, f"sensor {sensor}: health", sensor in seen.sick, driver, severity="sensor")
+    for sensor in sorted(watched | set(seen.faulty)):
+        driver = (sensor, f"health: {seen.faulty.get(sensor, '')}")
+        alarms += _stepped(state, seen, f"sensor {sensor}: health", sensor in seen.faulty, driver, severity="sensor")
     return alarms
 
 

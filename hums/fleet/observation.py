@@ -21,11 +21,11 @@ class Observation:
     regime : str
         Its operating regime; empty where it states none.
     values : mapping of Series to float
-        Logarithms of its indicators and lines, none of a sick sensor.
+        Logarithms of its indicators and lines, none of a faulty sensor.
     covariates : mapping of str to float
         What it was recorded at: speed in rev/s, and torque, temperature and others that were measured with it.
-    sick : mapping of str to str
-        Reason for every sick sensor or tachometer.
+    faulty : mapping of str to str
+        Reason for every faulty sensor or tachometer.
     unjudged : str
         Why nothing of this record is judged, or empty.
     diagnosed : tuple of str
@@ -38,16 +38,16 @@ class Observation:
     regime: str = ""
     values: Mapping[Series, float] = field(default_factory=dict)
     covariates: Mapping[str, float] = field(default_factory=dict)
-    sick: Mapping[str, str] = field(default_factory=dict)
+    faulty: Mapping[str, str] = field(default_factory=dict)
     unjudged: str = ""
     diagnosed: tuple[str, ...] = ()
 
 
 def observation(row: Mapping[str, Any]) -> Observation:
     """Return the observation in the results of one record, as `hums.fleet.fleet_analysis` stores them."""
-    sick = {name: reasons for name, _, status, reasons in row.get("health", ()) if status == "sick"}
-    tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in sick]
-    unjudged = "not analysed" if row["error"] else "sick tachometer" if tachometers else ""
+    faulty = {name: reasons for name, _, status, reasons in row.get("health", ()) if status == "faulty"}
+    tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in faulty]
+    unjudged = "not analysed" if row["error"] else "faulty tachometer" if tachometers else ""
     when, findings = row["recorded_at"], row.get("findings", ())
     speed, diagnosed = row.get("speed_hz", math.nan), {name for name, _, word, *_ in findings if word == "diagnosed"}
     joint = joint_names(row) if diagnosed else {}
@@ -56,9 +56,9 @@ def observation(row: Mapping[str, Any]) -> Observation:
         record=row["record"],
         recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
         regime=row.get("regime", ""),
-        values={} if unjudged else series_of(row, without=sick),
+        values={} if unjudged else series_of(row, without=faulty),
         covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
-        sick=sick,
+        faulty=faulty,
         unjudged=unjudged,
         diagnosed=() if unjudged else tuple(sorted({joint.get(name, name) for name in diagnosed})),
     )

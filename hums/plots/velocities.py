@@ -45,7 +45,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     kinematics : Kinematics
         Result of `solve_kinematics`.
     speeds : mapping of link name to speed, optional
-        Speeds in any unit, as for `Kinematics.velocities`. Default: 1 for the gearbox's reference.
+        Speeds in rpm, as for `Kinematics.velocities`. Default: ratios, with 1 for the gearbox's reference.
     ax : matplotlib.axes.Axes
         Axes to draw on.
 
@@ -79,7 +79,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     starts = [arrow.start * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     ends = [arrow.end * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     (_prepare_rows if unit else _prepare_plane)(ax, np.array([0j, *starts, *ends]))
-    of = f"revolutions per revolution of {kinematics.gearbox.reference}" if speeds is None else "in the given unit"
+    of = f"revolutions per revolution of {kinematics.gearbox.reference}" if speeds is None else "rpm"
     ax.set_xlabel(f"angular velocity along {_along(unit or 1.0)}, {of}")
     if not unit:
         ax.set_ylabel("angular velocity along y")
@@ -213,9 +213,9 @@ def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex],
 def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax: Axes) -> Annotation:
     """Write the links and speed of an arrow."""
     separator = "\n" if style["ha"] == "center" else " "  # beside a tip a short name finds a place sooner
-    seen = f"{separator}from {arrow.seen_from}" if arrow.seen_from else ""
+    seen = f"{separator}relative to {arrow.seen_from}" if arrow.seen_from else ""
     return ax.annotate(
-        f"{_joined(arrow.names)}{seen}  {minus(f'{size:.3g}')}",
+        f"{_joined(arrow.names)}{seen}  {minus(f'{size:.5g}')}",
         (at.real, at.imag),
         textcoords="offset points",
         va="center",

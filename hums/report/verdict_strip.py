@@ -82,7 +82,7 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
     said += [
         (CLASSES[DIAGNOSED], f"Sensor {item['name']} ({item['sensor']}) is faulty.")
         for item in facts["health"]
-        if item["status"] == "sick"
+        if item["status"] == "faulty"
     ]
     return said or [(CLASSES[NOTHING_FOUND], "Nothing found.")]
 
@@ -227,7 +227,7 @@ def _severity(finding: Mapping[str, Any]) -> str:
 
 def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
     """Return the sensor nearest to a bearing fault by the amplitudes of its line; empty with a single sensor."""
-    sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
+    faulty = {item["name"] for item in facts["health"] if item["status"] == "faulty"}
     largest: dict[str, float] = {}
     for line in facts["envelope"]:
         same = (line["component"], line["kind"], line["units"]) == (
@@ -235,7 +235,7 @@ def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
             finding["kind"],
             finding["units"],
         )
-        if same and (line["harmonic"], line["sideband"]) == (1, 0) and line["channel"] not in sick:
+        if same and (line["harmonic"], line["sideband"]) == (1, 0) and line["channel"] not in faulty:
             largest[line["channel"]] = max(line["amplitude"], largest.get(line["channel"], 0.0))
     if len(largest) < 2:  # noqa: PLR2004
         return ""
@@ -294,8 +294,8 @@ def _same_line(line: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> M
 
 def _next(finding: Mapping[str, Any], facts: Facts) -> str:
     """Return the recommended next step, which is no part of the verdict."""
-    sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
-    if finding.get("channel") in sick:
+    faulty = {item["name"] for item in facts["health"] if item["status"] == "faulty"}
+    if finding.get("channel") in faulty:
         return f"Repair the sensor of {finding['channel']} first, then record again."
     if finding.get("next_step"):
         return str(finding["next_step"])

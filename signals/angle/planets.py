@@ -245,7 +245,7 @@ def pass_angle(signal: AngularSignal, *, teeth: PlanetaryTeeth) -> PassAngle:
     count, per_rev = signal.revolutions, signal.samples_per_rev
     if count < 2:  # noqa: PLR2004
         raise ValueError(
-            f"{count} carrier revolution(s) give no scatter to estimate the standard deviation from; give two or more."
+            f"carrier revolutions: {count}; the standard deviation is that of their scatter, so give at least two."
         )
     power = ((values - values.mean()) ** 2)[: count * per_rev].reshape(count, per_rev)
     harmonic = np.arange(1, teeth.planets + 1)

@@ -51,10 +51,10 @@ class SensorHealth:
     spiked: NDArray[np.bool_] = field(metadata={"dims": ("time",), "units": "1"})
 
     @property
-    def status(self) -> Literal["ok", "suspect", "sick"]:
-        """Worst severity of the faults: "sick" (estimates are distorted), "suspect" (to be checked) or "ok" (none)."""
+    def status(self) -> Literal["ok", "suspect", "faulty"]:
+        """Worst severity of the faults: "faulty" (estimates distorted), "suspect" (to be checked) or "ok" (none)."""
         severities = {fault.severity for fault in self.faults}
-        return "sick" if "sick" in severities else "suspect" if severities else "ok"
+        return "faulty" if "faulty" in severities else "suspect" if severities else "ok"
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -118,7 +118,7 @@ def sensor_health(
     >>> sine = np.sin(2 * np.pi * 37 * np.arange(20000) / 2000 + 0.1)
     >>> health = sensor_health(np.clip(sine, -0.8, 0.8), rate_hz=2000, units="g")
     >>> health.status, [fault.kind for fault in health.faults], round(float(health.clipped.mean()), 2)
-    ('sick', ['clipping'], 0.41)
+    ('faulty', ['clipping'], 0.41)
     """
     values = real_samples(x, name="the record", minimum=64, finite=False)
     rate = positive(rate_hz, name="rate_hz")
@@ -131,7 +131,7 @@ def sensor_health(
         known = values[~gaps]
         what = f"it is {known[0]:.6g} {units} throughout" if known.size else "it consists of gaps only"
         fault = SensorFault(
-            kind="stuck", severity="sick", size=1.0, sentence=f"{what}. Check sensor, cable and supply."
+            kind="stuck", severity="faulty", size=1.0, sentence=f"{what}. Check sensor, cable and supply."
         )
         return SensorHealth(faults=(fault,), not_judged=(), clipped=nothing, lost=~nothing, spiked=nothing)
     whole = _filled(values, gaps)

@@ -18,7 +18,7 @@ from signals._validation import Array, Samples
 
 
 Kind = Literal["clipping", "drop-out", "stuck", "mains hum", "ski slope", "level jump", "offset jump", "spikes"]
-Severity = Literal["suspect", "sick"]
+Severity = Literal["suspect", "faulty"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class SensorFault:
     kind : str
         "clipping", "drop-out", "stuck", "mains hum", "ski slope", "level jump", "offset jump" or "spikes".
     severity : str
-        "suspect" (to be checked) or "sick" (estimates are distorted).
+        "suspect" (to be checked) or "faulty" (estimates are distorted).
     size : float
         The quantity named in the sentence: a fraction of samples or power, a ratio, or a count.
     sentence : str
@@ -41,7 +41,7 @@ class SensorFault:
     >>> from signals import sensor_health
     >>> fault = sensor_health([1.0] * 64, rate_hz=1000, units="g").faults[0]
     >>> print(f"{fault.kind}, {fault.severity}: {fault.sentence}")
-    stuck, sick: it is 1 g throughout. Check sensor, cable and supply.
+    stuck, faulty: it is 1 g throughout. Check sensor, cable and supply.
     """
 
     kind: Kind
@@ -50,9 +50,9 @@ class SensorFault:
     sentence: str
 
 
-def graded(kind: Kind, *, sick: bool, size: float, sentence: str) -> SensorFault:
-    """Return a fault of severity "sick", or else "suspect"."""
-    return SensorFault(kind=kind, severity="sick" if sick else "suspect", size=size, sentence=sentence)
+def graded(kind: Kind, *, faulty: bool, size: float, sentence: str) -> SensorFault:
+    """Return a fault of severity "faulty", or else "suspect"."""
+    return SensorFault(kind=kind, severity="faulty" if faulty else "suspect", size=size, sentence=sentence)
 
 
 # ---- Sudden, lasting changes of RMS or mean, as from a sensor that comes loose ---------------------------------------
@@ -98,8 +98,8 @@ def jumps(
                 f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, by a factor of {factor:.3g}, at about "
                 f"{at * part_s:.4g} s{why} whether the load changed then."
             )
-            sick = factor > faulty_jump and not turns
-            found.append(graded("level jump", sick=sick, size=factor, sentence=sentence))
+            faulty = factor > faulty_jump and not turns
+            found.append(graded("level jump", faulty=faulty, size=factor, sentence=sentence))
     at, jump = _largest_jump(mean)
     typical = float(np.median(level))
     faulty_offset = 30.0
@@ -109,7 +109,7 @@ def jumps(
             f"its mean jumps by {jump:.4g} {units}, {size:.3g} times its RMS, at about {at * part_s:.4g} s. Check "
             "connector and supply."
         )
-        found.append(graded("offset jump", sick=size > faulty_offset, size=size, sentence=sentence))
+        found.append(graded("offset jump", faulty=size > faulty_offset, size=size, sentence=sentence))
     return found, None
 
 
@@ -168,7 +168,7 @@ def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFaul
         "Widen the measuring range, or leave those samples out."
     )
     faulty_clipped = 0.01
-    return [graded("clipping", sick=share > faulty_clipped, size=share, sentence=sentence)], clipped
+    return [graded("clipping", faulty=share > faulty_clipped, size=share, sentence=sentence)], clipped
 
 
 def _usual_count(x: Samples, extreme: float) -> float:
@@ -221,13 +221,13 @@ def _dropout_fault(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> Sen
     value = x[start[worst] + length[worst] // 2]
     if start[worst] + length[worst] == x.size and length[worst] > _STUCK * x.size:
         sentence = f"it is stuck at {value:.6g} {units} to the end, for {where}. Check sensor, cable and supply."
-        return graded("stuck", sick=True, size=share, sentence=sentence)
+        return graded("stuck", faulty=True, size=share, sentence=sentence)
     sentence = (
         f"it drops out {start.size} times, {share:.3%} of the samples; the longest segment, at {value:.6g} {units}, "
         f"lasts {where}. Check cable and logger, or leave those samples out."
     )
     faulty_lost = 0.01
-    return graded("drop-out", sick=share > faulty_lost, size=share, sentence=sentence)
+    return graded("drop-out", faulty=share > faulty_lost, size=share, sentence=sentence)
 
 
 def _runs(mask: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -279,8 +279,8 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
         "cable, and for equipment switched nearby."
     )
     faulty_spikes = 1e-3
-    sick = isolated.size > faulty_spikes * x.size
-    return [graded("spikes", sick=sick, size=float(isolated.size), sentence=sentence)], found
+    faulty = isolated.size > faulty_spikes * x.size
+    return [graded("spikes", faulty=faulty, size=float(isolated.size), sentence=sentence)], found
 
 
 def _is_isolated(height: Samples, at: int) -> bool:
@@ -339,7 +339,7 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
                 f"{share:.1%} of its RMS. Check shielding and ground loops; a machine that turns at exactly this "
                 "frequency has the same lines."
             )
-            return [graded("mains hum", sick=share > faulty_hum, size=share, sentence=sentence)], None
+            return [graded("mains hum", faulty=share > faulty_hum, size=share, sentence=sentence)], None
     return [], None
 
 
@@ -421,4 +421,4 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
         f"{share:.1%} of its power. Check the mount, and look for shocks that overload the amplifier."
     )
     faulty_slope = 0.5
-    return [graded("ski slope", sick=share > faulty_slope, size=share, sentence=sentence)], None
+    return [graded("ski slope", faulty=share > faulty_slope, size=share, sentence=sentence)], None

@@ -72,7 +72,7 @@ def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypa
     code, out, err = synth(name, "--explain")
     assert (code, err) == (0, "")
     scene = load_scene(name)
-    channels = f"{scene.duration_s:g} s of {len(scene.sensors)} channel(s)"
+    channels = f"{scene.duration_s:g} s of {len(scene.sensors)} channel{'s' * (len(scene.sensors) > 1)}"
     what = f"{channels} at {scene.rate_hz:g} Hz, {scene.samples} samples each"
     assert out.startswith(f"{scene.gearbox.name}, {scene.fidelity}: {what}\n")
     assert "on one core" in out

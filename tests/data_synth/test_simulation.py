@@ -295,7 +295,7 @@ def test_a_planetary_gearbox_is_simulated():
     ("changes", "seed", "sentence"),
     [
         ({"rate_hz": 10_000}, 1, r"rate_hz = 10000 is not above 13800 Hz, twice the highest line, order 69"),
-        ({"duration_s": 0.01}, 1, r"duration_s = 0.01 covers 1 pulse\(s\) of the tachometer, but a speed needs 2"),
+        ({"duration_s": 0.01}, 1, r"duration_s = 0.01, tachometer pulses within it: 1; a speed needs 2"),
         ({}, -1, r"seed = -1 must be a whole number, 0 or more"),
         ({}, True, r"seed = True must be a whole number"),
     ],

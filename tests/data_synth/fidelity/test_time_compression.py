@@ -105,7 +105,7 @@ def test_a_record_that_fits_nowhere_is_refused_with_the_numbers(monkeypatch, cap
     monkeypatch.setattr(sys, "argv", ["hums", "synth", str(path), "-o", str(tmp_path / "a.h5")])
     assert main() == 1
     error = capsys.readouterr().err
-    assert "the record has 1 row(s) of 432000000000 samples and needs" in error
+    assert "the record has 1 row of 432000000000 samples and needs" in error
     assert "shorten it to about" in error
     assert not (tmp_path / "a.h5").exists()
 
@@ -119,7 +119,7 @@ def test_the_limit_is_what_is_free(monkeypatch, tmp_path):
     monkeypatch.setattr("data_synth.cost.free_memory_bytes", lambda: 500_000_000)
     refuse_too_large(scene, tmp_path / "a.h5")
     # three shafts, two meshes and two faults beside the channel
-    with pytest.raises(SceneError, match=r"8 row\(s\) of 15000000 samples"):
+    with pytest.raises(SceneError, match=r"8 rows of 15000000 samples"):
         refuse_too_large(scene, tmp_path / "a.h5", by_source=True)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 100_000_000}))
     with pytest.raises(SceneError, match=r"needs 0\.221 GB on the disk of"):
@@ -127,14 +127,14 @@ def test_the_limit_is_what_is_free(monkeypatch, tmp_path):
 
 
 def test_simulate_refuses_what_the_command_refuses(monkeypatch):
-    with pytest.raises(SceneError, match=r"has 1 row\(s\) of 432000000000 samples and needs .* GB of memory, but"):
+    with pytest.raises(SceneError, match=r"has 1 row of 432000000000 samples and needs .* GB of memory, but"):
         simulate(load_scene("demo").changed(duration_s=100 * DAY_S), seed=1)
     # 120 MB of samples, eleven times as much while the lines of the gears are projected, the rest for these
     scene = load_scene("gears-in-motion").changed(duration_s=300.0)
     monkeypatch.setattr("data_synth.cost.free_memory_bytes", lambda: 250_000_000)
     with pytest.raises(SceneError, match=r"needs 1\.\d* GB of memory, but 0\.25 GB are free"):
         simulate(scene, seed=1)
-    with pytest.raises(SceneError, match=r"has 13 row\(s\) of"):  # 4 links and 4 rollers' and cages' angles too
+    with pytest.raises(SceneError, match=r"has 13 rows of"):  # 4 links and 4 rollers' and cages' angles too
         simulate(scene, seed=1, phases=True, by_source=True)
 
 

@@ -118,7 +118,7 @@ def test_a_short_record_and_a_sick_sensor_are_not_judged():
     rows = judged(TWO_STAGE | crack("stage 1/pinion", 1.0), stop=RATE_HZ // 5)
     assert all("revolutions are too few" in row.not_judged for row in rows)
     assert all(row.not_judged and row.probability == 1 for row in rows)
-    assert {row.not_judged for row in judged(TWO_STAGE | {"duration_s": 2}, clip=0.2)} == {"the sensor is sick"}
+    assert {row.not_judged for row in judged(TWO_STAGE | {"duration_s": 2}, clip=0.2)} == {"the sensor is faulty"}
 
 
 def test_few_turns_name_a_tooth_that_stands_out_and_call_none_sound():

@@ -196,12 +196,12 @@ def test_a_sick_sensor_keeps_its_raw_rms_alone(gearbox):
     )
     analysis = analyze(record, gearbox, settings=BARE)
     verdict = health_table(analysis).set_index("name")
-    assert verdict["status"].to_dict() == {"cut": "sick", "sound": "ok", "tachometer": "ok"}
+    assert verdict["status"].to_dict() == {"cut": "faulty", "sound": "ok", "tachometer": "ok"}
     assert "It is clipped: it reaches 0.9 g" in verdict.loc["cut", "reasons"]
     table = indicator_table(analysis)
     assert list(table[table["channel"] == "cut"]["indicator"]) == ["rms"]
     assert {"fm4", "so1", "kurtosis"} <= set(table[table["channel"] == "sound"]["indicator"])
-    assert any(note.startswith('Channel "cut" is sick') for note in summary(analysis)["notes"])
+    assert any(note.startswith('Channel "cut" is faulty') for note in summary(analysis)["notes"])
 
 
 def planetary_record(*, bad=None, deaf=False, seconds=300.0, rate_hz=1000.0, carrier_hz=1.0):

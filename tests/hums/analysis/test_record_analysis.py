@@ -204,7 +204,7 @@ def test_a_dead_sensor_beside_a_sound_one():
     )
     analysis = analyze(record, TWO_STAGE, settings=NO_TRACKS)
     verdict = health_table(analysis).set_index("name")
-    assert verdict["status"].to_dict() == {"sound": "ok", "dead": "sick", "tachometer": "ok"}
+    assert verdict["status"].to_dict() == {"sound": "ok", "dead": "faulty", "tachometer": "ok"}
     assert "It is 0 g throughout" in verdict.loc["dead", "reasons"]
     assert any('Left out: channel "dead" has the same value' in note for note in summary(analysis)["notes"])
     assert set(line_table(analysis, "order_spectrum")["channel"]) == {"sound"}
@@ -369,7 +369,7 @@ def test_clipped_samples_are_missing_to_the_trackers():
     record = make_record({"housing": Channel(values=cut, units="g")}, rate_hz=RATE_HZ, angle=pulses)
     settings = AnalysisSettings(most_tracks=3, envelope_band_hz=None, pictures=False)
     analysis = analyze(record, TWO_STAGE, settings=settings)
-    assert verdicts(analysis)["housing"] == "sick"
+    assert verdicts(analysis)["housing"] == "faulty"
     tracks = group(analysis, "tracks")
     track = tracks.isel(track=int(np.argmin(np.abs(tracks["track_order"].to_numpy() - 23))))
     inner = slice(10, -10)
@@ -392,7 +392,7 @@ def test_what_a_sick_sensor_shows_is_not_diagnosed():
         angle=PulseTimes(times_s=np.arange(0.0, 8.0, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1),
     )
     analysis = analyze(record, load_gearbox("two-stage"), settings=NO_TRACKS)
-    assert verdicts(analysis)["housing"] == "sick"
+    assert verdicts(analysis)["housing"] == "faulty"
     assert summary(analysis)["findings"] == []
     judged = summary(analysis)["verdicts"]
     assert {one["verdict"] for one in judged} == {"not judged"}

@@ -190,8 +190,8 @@ class TestGate:
         assert state.unwatched_since == ""
 
     def test_a_sick_sensor_raises_its_own_alarm_and_no_other(self):
-        sick = [replace(observed(number, sick=("a",)), values={}) for number in range(40, 44)]
-        _, found = followed([*HEALTHY, *sick])
+        faulty = [replace(observed(number, faulty=("a",)), values={}) for number in range(40, 44)]
+        _, found = followed([*HEALTHY, *faulty])
         (alarm,) = alarms(found)
         assert (alarm["component"], alarm["indicator"], alarm["record"]) == ("sensor a", "health: clipped", "record 41")
 

@@ -242,7 +242,7 @@ class TestVelocityDiagram:
         [(vector, start)] = arrows(ax, dashed=True)
         assert vector == pytest.approx(planet)
         assert start.real == pytest.approx(carrier)
-        assert f"planet 1, 2, 3  \N{MINUS SIGN}{abs(carrier + planet):.3g}" in {text.get_text() for text in ax.texts}
+        assert f"planet 1, 2, 3  \N{MINUS SIGN}{abs(carrier + planet):.5g}" in {text.get_text() for text in ax.texts}
 
     @pytest.mark.parametrize("name", SHOWN[1:])
     def test_nothing_covers_a_text(self, name):

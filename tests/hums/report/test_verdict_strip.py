@@ -102,7 +102,7 @@ def test_what_was_not_judged_stands_beside_the_findings():
 
 
 def test_a_sick_sensor_comes_first():
-    assert "Repair the sensor" in verdict_rows(facts(finding("diagnosed"), status="sick"))[0]["next"]
+    assert "Repair the sensor" in verdict_rows(facts(finding("diagnosed"), status="faulty"))[0]["next"]
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_which_sensor_a_fault_is_nearer_to(ratio, words):
 
 def test_no_place_from_one_sensor_or_beside_a_faulty_one():
     assert verdict_rows(facts(finding("diagnosed")))[0]["nearer"] == ""
-    assert verdict_rows(two_sensors(3.0, status="sick"))[0]["nearer"] == ""
+    assert verdict_rows(two_sensors(3.0, status="faulty"))[0]["nearer"] == ""
 
 
 def test_hertz_beside_orders():
@@ -157,6 +157,6 @@ def test_the_answer_says_each_part_once():
         ("unknown", "2 checks could not be made."),
     ]
     assert answer(facts()) == [("calm", "Nothing found.")]
-    faulty = facts(status="sick")
+    faulty = facts(status="faulty")
     faulty["health"][0]["sensor"] = "vibration"
     assert answer(faulty) == [("alarm", "Sensor a (vibration) is faulty.")]
