@@ -97,10 +97,10 @@ class HarmonicModel:
         """(column, sample) array of regressors: the measurement is their product with the levels."""
         from signals.harmonics._block_kernels import fill_phasors  # noqa: PLC0415 - loads numba
 
-        phase, count = self.phase(samples), self.orders.size
-        columns = np.empty((2 * count, phase.shape[1]))
-        for k, order in enumerate(self.orders.tolist()):
-            fill_phasors(-order, phase[self.shaft[k]], columns[k], columns[count + k])
+        phases, count = [phase[samples] for phase in self.phases], self.orders.size  # a shaft each
+        columns = np.empty((2 * count, phases[0].size))
+        for k, (order, shaft) in enumerate(zip(self.orders.tolist(), self.shaft.tolist(), strict=True)):
+            fill_phasors(-order, phases[shaft], columns[k], columns[count + k])
         means = np.flatnonzero(self.orders == 0)
         return np.delete(columns, count + means, axis=0) if means.size else columns
 
