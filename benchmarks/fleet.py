@@ -3,13 +3,11 @@
 Writes fleet.md into FOLDER (default docs/benchmarks), or one SECTION of it anew (--only cost). ANALYSES is a folder
 that keeps what takes long: a dataset of one gearbox, healthy and with five faults of all sizes, and its analyses by
 `hums.analyze_fleet`; it is made where it is missing, a record in 0.6 s of CPU. Fleets are made from it by resampling
-(`fleet_analyses`). --learn-prior writes what is usual over healthy machines into hums/fleet/prior.json; healthy
-machines of the page are made of further analyses, of machines of another seed. --data, or the environment variable
-HUMS_REAL_DATA, names the folder of measured records.
+(`fleet_analyses`); healthy machines are made of further analyses, of machines of another seed. --data, or the
+environment variable HUMS_REAL_DATA, names the folder of measured records.
 """
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -30,13 +28,13 @@ from fleet_analyses import (
     fault_courses,
     unseen,
 )
-from fleet_chain import CHUNK, RATES, WATCHED, at_rate, learn_limits, learn_prior, of_components, two_of_three, watch
+from fleet_chain import CHUNK, RATES, WATCHED, at_rate, largest, two_of_three, watch
 from fleet_cost import cost_rows
 from fleet_forecasts import LAWS, coverage
 from fleet_measured import run_to_failure, turbine
 from numpy.typing import NDArray
 
-from hums.fleet.series import PRIOR_NAME, Series, layout_of, prior_of
+from hums.fleet.series import Series, layout_of, prior_of
 from signals.monitoring.health import Layout
 
 if TYPE_CHECKING:
@@ -62,26 +60,32 @@ def healthy_fleet(
     seed: int,
     measured: Sequence[str] = (),
 ) -> tuple[list[Array], list[float]]:
-    """Return the alarms of each machine, for each of `RATES`, and the factor on limits that makes the rate exact."""
+    """Return the records until each machine's first alarm, for each of `RATES`, and factors that make the rate exact.
+
+    Factors are on limits.
+    """
     prior = prior_of(found.series, layout)
-    counts: list[list[Array]] = [[] for _ in RATES]
-    largest: list[list[NDArray[np.float32]]] = [[] for _ in RATES]
+    until: list[list[Array]] = [[] for _ in RATES]
+    highest: list[list[NDArray[np.float32]]] = [[] for _ in RATES]
     for start in range(0, machines, CHUNK):
         rng = np.random.default_rng([seed, start])
         fleet = resampled.machines(min(CHUNK, machines - start), baseline + WATCHED, rng, measured)
         for place, one in enumerate(watch(fleet, baseline, RATES, layout, prior)):
-            counts[place].append(one.raised.sum(axis=(1, 2)))
-            largest[place].append(of_components(one.index, layout))
-    factors = [at_rate(those, every) for those, every in zip(largest, RATES, strict=True)]
-    return [np.concatenate(those) for those in counts], factors
+            until[place].append(one.until_alarm)
+            highest[place].append(largest(one.index, layout))
+    factors = [at_rate(np.concatenate(those), every) for those, every in zip(highest, RATES, strict=True)]
+    return [np.concatenate(those) for those in until], factors
 
 
-def bootstrapped(by_machine: Array) -> tuple[float, float]:
-    """Return the 95 % interval of the number of alarms of as many machines, by drawing them again."""
-    rng = np.random.default_rng(16)
-    sums = [by_machine[rng.integers(by_machine.size, size=by_machine.size)].sum() for _ in range(4_000)]
-    low, high = np.quantile(sums, (0.025, 0.975))
-    return float(low), float(high)
+def run_lengths(until: Array) -> tuple[int, int, float, float]:
+    """Return alarms, records until them, and the 95 % interval of records per alarm, by drawing machines again.
+
+    Half an alarm is added, so that none has a run length, too.
+    """
+    alarmed, records = np.isfinite(until), np.minimum(until, WATCHED)
+    drawn = np.random.default_rng(16).integers(until.size, size=(4_000, until.size))
+    low, high = np.quantile(records[drawn].sum(axis=1) / (alarmed[drawn].sum(axis=1) + 0.5), (0.025, 0.975))
+    return int(alarmed.sum()), int(records.sum()), float(low), float(high)
 
 
 def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> str:
@@ -89,41 +93,42 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
     _, _, layout = layout_of(found.series)
     words = (
         f"{given.machines} machines, {WATCHED} monitored records each; a tenth as many with temperature and load "
-        "measured with each record. An alarm persists until it is acknowledged, so a component raises at most "
-        "one; some machines raise several, which the interval includes.\n"
+        "measured with each record. The stated run length is the mean number of records of a machine from a state "
+        "without alarms to the first alarm of any of its components and sensors; what follows while that stands is not "
+        "counted. It is measured as all records up to the first alarms over the number of these.\n"
     )
     text = [
         words,
-        "| baseline, records | measured | stated: one in | alarms | expected | alarms, 95 % over machines | within |",
-        "|---|---|---|---|---|---|---|",
+        "| baseline, records | measured | stated: one in | alarms | in records | one in | 95 % of that | within |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for baseline in BASELINES:
         for measured, machines in (((), given.machines), (MEASURED_STATES, given.machines // 10)):
             fleets, _ = healthy_fleet(
                 resampled, found, layout, machines=machines, baseline=baseline, seed=5, measured=measured
             )
-            for every, by_machine in zip(RATES, fleets, strict=True):
-                expected = machines * WATCHED / every
-                low, high = bootstrapped(by_machine)
-                what = "temperature, load" if measured else "nothing"
+            for every, until in zip(RATES, fleets, strict=True):
+                alarms, records, low, high = run_lengths(until)
+                within = "yes" if low <= every <= high else "no, fewer" if low > every else "no"
                 cells = (
                     baseline,
-                    what,
+                    "temperature, load" if measured else "nothing",
                     f"{every:,.0f}",
-                    by_machine.sum(),
-                    f"{expected:.0f}",
-                    f"{low:.0f} to {high:.0f}",
+                    alarms,
+                    f"{records:,}",
+                    f"{records / max(alarms, 1):,.0f}",
+                    f"{low:,.0f} to {high:,.0f}",
                 )
-                within = "yes" if low <= expected <= high else "no, fewer" if high < expected else "no"
                 text.append(f"| {' | '.join(map(str, cells))} | {within} |")
                 sys.stdout.write(f"{text[-1]}\n")
                 sys.stdout.flush()
     still, few = resampled.still(), given.machines // 40
-    count = healthy_fleet(still, found, layout, machines=few, baseline=BASELINES[0], seed=5)[0][0].sum()
+    until = healthy_fleet(still, found, layout, machines=few, baseline=BASELINES[0], seed=5)[0][0]
+    alarms, records, *_ = run_lengths(until)
     text.append(
         f"\nThe interval is over machines from the same {len(resampled.healthy)} analyses. Nearly all alarms are due "
         f"to slow changes that are not measured: without these (nothing measured, baseline of {BASELINES[0]}), {few} "
-        f"machines raise {count} instead of the expected {few * WATCHED / RATES[0]:.0f}."
+        f"machines raise {alarms} in {records:,} records where one in {RATES[0]:,.0f} is stated."
     )
     return "\n".join(text)
 
@@ -287,11 +292,11 @@ with a season of 365), and a residual drawn jointly for all series. A slope due 
 drift that is not there, so slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995).
 Temperature and load are measured where a table says so, with an error of a tenth of their standard deviations.
 
-**The prior** (`hums/fleet/prior.json`, `--learn-prior`) contains standard deviations of indicators, and the limits at
-which healthy machines with baselines of 2 to 1,000 records raise the stated number of alarms, for bearing evidence and
-for all other scores; the limits shipped with it come from a simulated model of such scores. The healthy fleets below
-consist of analyses of {unseen_machines} other machines with a separate seed, from which nothing is learned. All have
-the same gearbox and plan. Nothing is tuned to measured records.
+**The prior** (`hums/fleet/prior.json`) contains standard deviations of indicators, and the limits at which healthy
+machines with baselines of 2 to 1,000 records raise the stated number of alarms, for bearing evidence and for all other
+scores; they come from a simulated model of such scores. The healthy fleets below consist of analyses of
+{unseen_machines} other machines with a separate seed, from which nothing is learned. All have the same gearbox and
+plan. Nothing is tuned to measured records.
 """
 
 
@@ -332,7 +337,6 @@ def main() -> None:
     parser.add_argument("analyses", type=Path)
     parser.add_argument("folder", type=Path, nargs="?", default=ROOT / "docs" / "benchmarks")
     parser.add_argument("--data", type=Path, default=os.environ.get("HUMS_REAL_DATA"))
-    parser.add_argument("--learn-prior", action="store_true")
     parser.add_argument("--only", choices=("alarms", "faults", "forecasts", "pronostia", "turbine", "cost"))
     parser.add_argument("--machines", type=int, default=4_000)
     parser.add_argument("--records", type=int, default=RECORDS, help="of the dataset, where it is made")
@@ -340,12 +344,6 @@ def main() -> None:
     parser.add_argument("--run-records", type=int, default=100, help="of the whole run that is timed")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_intermixed_args()
-    if given.learn_prior:
-        found = analyses(given.analyses, workers=given.workers, records=given.records)
-        path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled())
-        learned["limits"] = learn_limits(found, found.resampled(), learned, machines=given.machines)
-        path.write_text(json.dumps(learned) + "\n", encoding="utf-8")
-        return
     page = given.folder / "fleet.md"
     text = page.read_text(encoding="utf-8") if given.only else ""
     intro, *there = text.split("\n## ")

@@ -1,7 +1,7 @@
 """Analyses that fleets are made of, and the fleets: one gearbox, healthy and with five faults of all sizes."""
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,8 +28,6 @@ _MEASURED_ERROR = 0.1  # of a state's deviation: 0.5 K, and 1 % of the load
 RECORDS, MACHINES = 960, 41
 """Of the dataset with faults: few records of each machine, whose states are then spread as widely as those of long
 fleets, and no divisor in common with the 12 records in which classes take turns, so that each shows them all."""
-HEALTHY_SEEDS = (3, 4)  # of further healthy machines that the prior is learned from
-HEALTHY_RECORDS, HEALTHY_MACHINES = 480, 40  # of each of those seeds
 UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES = 5, 1_000, 125  # of the analyses that fleets are measured on
 
 PLAN = """
@@ -98,35 +96,14 @@ class Analyses:
     states: Array
     diagnosed: NDArray[np.bool_]
 
-    @property
-    def machines(self) -> int:
-        """Number of machines."""
-        return int(self.machine.max()) + 1
-
-    def resampled(self, machines: Collection[int] | None = None) -> "Resampled":
-        """Return the fleets that are made of the healthy records of some machines, or of all."""
-        those = self.kinds == "healthy"
-        if machines is not None:
-            those &= np.isin(self.machine, list(machines))
-        return Resampled(healthy=self.values[those], states=self.states[those], machine=self.machine[those])
-
 
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
-    """Return the analyses in the folder that the prior and faults are learned from; make what is missing."""
+    """Return the analyses in the folder that faults are learned from; make what is missing."""
     text = PLAN.format(records=records, machines=MACHINES, seed=1)
     for name, kind, component, size, least in SIZES:
         text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least)
     rows, labels = _analysed(folder, text, workers)
     kinds = [str(kind) for kind in labels["class"].to_numpy()]
-    severity_mm, states = [labels["severity_mm"].to_numpy()], [_states(labels)]
-    machine = [np.arange(records) % MACHINES]  # records take turns
-    for place, seed in enumerate(HEALTHY_SEEDS):
-        more, labels = _healthy(folder, seed, HEALTHY_RECORDS, HEALTHY_MACHINES, workers)
-        rows += more
-        kinds += ["healthy"] * HEALTHY_RECORDS
-        severity_mm.append(np.full(HEALTHY_RECORDS, np.nan))
-        states.append(_states(labels))
-        machine.append(MACHINES + place * HEALTHY_MACHINES + np.arange(HEALTHY_RECORDS) % HEALTHY_MACHINES)
     found, classes = [series_of(row) for row in rows], np.array(kinds)
     every = tuple(sorted(set().union(*found)))
     values = np.array([vector(one, every) for one in found])
@@ -135,10 +112,10 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
         series=tuple(key for key, keep in zip(every, kept, strict=True) if keep),
         values=values[:, kept],
         kinds=classes,
-        machine=np.concatenate(machine),
-        severity_mm=np.concatenate(severity_mm).astype(np.float64),
+        machine=np.arange(records) % MACHINES,  # records take turns
+        severity_mm=labels["severity_mm"].to_numpy().astype(np.float64),
         speed_hz=np.array([row["speed_hz"] for row in rows]),
-        states=np.concatenate(states),
+        states=_states(labels),
         diagnosed=np.array([_diagnosed(row, kind) for row, kind in zip(rows, kinds, strict=True)]),
     )
 

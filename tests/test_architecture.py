@@ -74,7 +74,7 @@ BUDGETS = """
     signals/demodulation                                        905    870    750
     signals/harmonics, signals/slipping_order                  4012   3209   2500
     signals/health, signals/indicators                          955    839    800
-    signals/monitoring                                         1135    645    700
+    signals/monitoring                                         1135    643    700
     signals/resampling                                          799    796    600
     signals/shaft                                              3006   1917   2000
     signals/spectra                                             866    818    700

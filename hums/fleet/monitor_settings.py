@@ -34,7 +34,8 @@ class MonitorSettings:
     healthy : tuple of str
         Or the names of the records that are declared healthy.
     false_alarm_every : float
-        Mean number of records of a machine between false alarms, over all its components, sensors and charts.
+        Mean number of records of a machine from a state without alarms to the first false alarm of any of its
+        components and sensors.
 
     Examples
     --------

@@ -55,14 +55,9 @@ class Charts:
         if not self.weights or self.weights[0] != 1.0:
             raise ValueError(f"weights = {self.weights}: the first chart is the latest score; begin with 1.")
 
-    @property
-    def count(self) -> int:
-        """Number of charts."""
-        return len(self.weights) + 1
-
     def start(self, shape: tuple[int, ...] = ()) -> ChartState:
         """Return charts of scores of a shape, before the first record."""
-        return ChartState(values=np.zeros((self.count, *shape)), rising=np.zeros(shape, dtype=np.int64))
+        return ChartState(values=np.zeros((len(self.weights) + 1, *shape)), rising=np.zeros(shape, dtype=np.int64))
 
     def restart(self, state: ChartState, place: int) -> ChartState:
         """Return the charts with those of one score as at the start."""

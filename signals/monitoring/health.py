@@ -193,7 +193,9 @@ class Normal:
         )
 
 
-def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior, *, independent: float = 1.0) -> Normal:
+def learn_normal(
+    values: Array, covariates: Array, layout: Layout, prior: Prior, *, independent: Array | float = 1.0
+) -> Normal:
     """Return what is normal from the records of a baseline.
 
     Parameters
@@ -206,7 +208,7 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
         Which series belong together.
     prior : Prior
         Usual deviations.
-    independent : float
+    independent : float or (..., 1) array
         Effective number of independent records over their number: how much the records' own deviations weigh against
         the usual ones.
 

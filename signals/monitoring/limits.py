@@ -126,7 +126,7 @@ class MachineLimits:
 
 
 def machine_limits(
-    table: LimitTable, independent: Array, every_records: float, groups: tuple[int, ...], *, slopes: float = 0.0
+    table: LimitTable, independent: Array, every_records: float, groups: tuple[int, ...], *, slopes: Array | float = 0.0
 ) -> MachineLimits:
     """Return the limits of all scores of a machine, each of which raises an alarm equally seldom.
 
@@ -137,10 +137,10 @@ def machine_limits(
     independent : (scores,) array
         Independent records that the baseline of each score was learned on.
     every_records : float
-        Mean number of records between false alarms of the machine, over all its scores.
+        Mean number of records of the machine until the first false alarm, over all its scores.
     groups : tuple of int
         Group of each score.
-    slopes : float
+    slopes : float or (scores,) array
         Effective number of slopes on covariates that were learned on them, too: limits are those of a baseline of
         n / (1 + slopes / 2) records.
     """

@@ -95,15 +95,14 @@ def learn_baseline(
     *,
     prior_scale: Array | float = math.nan,
     prior_dof: float = 0.0,
-    least_share: float = 0.5,
-    independent: float = 1.0,
+    independent: Array | float = 1.0,
 ) -> SeriesBaseline:
     """Return the baseline of series from the records it is learned on.
 
     Parameters
     ----------
     values : (..., records, series) array
-        The series; NaN where a record has no value.
+        The series; NaN where a record has no value. One with values in fewer than half of them has no baseline.
     covariates : (..., records, covariates) array
         What the records were made at; none: (..., records, 0). A covariate that does not change, or with fewer than
         ten records for each, has no slope.
@@ -112,9 +111,7 @@ def learn_baseline(
     prior_dof : float
         Weight of the usual one, as a number of records: variances are averaged as in a scaled inverse chi-squared
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
-    least_share : float
-        Share of the records in which a series has to have a value.
-    independent : float
+    independent : float or (..., 1) array
         Effective number of independent records over their number, which a deviation's weight against the usual one has.
 
     Returns
@@ -148,7 +145,7 @@ def learn_baseline(
             own + weighted
         )
     pooled = np.sqrt(mean)
-    watched = (known >= max(1.0, least_share * records)) & (pooled > 0)
+    watched = (2 * known >= max(2, records)) & (pooled > 0)
     return SeriesBaseline(
         center=np.where(watched, center, np.nan),
         scale=np.where(watched, pooled, np.nan),
