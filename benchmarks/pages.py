@@ -1,10 +1,10 @@
-"""Pictures of docs/dynamics.md and docs/wijianto.md, and the table of the former, from the results of their code.
+"""Pictures of docs/dynamics.md and docs/wijianto.md, and the tables of the former and of docs/benchmarks/physics.md.
 
     python benchmarks/pages.py [FOLDER] [SUFFIX]
 
-Runs the Python blocks of docs/dynamics.md from top to bottom in one namespace, as the tests do, and the example of
-Wijianto's figures, draws the pages' pictures into FOLDER (default docs/pages; SUFFIX svg or png), and writes the table
-of known numbers between its marks in docs/dynamics.md.
+Runs the Python blocks of docs/dynamics.md and docs/benchmarks/physics.md from top to bottom, each in one namespace, as
+the tests do, and the example of Wijianto's figures, draws the pages' pictures into FOLDER (default docs/pages; SUFFIX
+svg or png), and writes the tables of known numbers between their marks.
 """
 
 import re
@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 
 ROBUST_DIGITS = 10  # of a number: one more of ours is shown where the known one has no more
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+TABLES = DOCS / "dynamics.md", DOCS / "benchmarks" / "physics.md"
 BLOCK = re.compile(r"```python\n(.*?)```", flags=re.DOTALL)
 STYLE = {"font.size": 8, "svg.fonttype": "none", "svg.hashsalt": "pages", "path.simplify": True, "lines.linewidth": 0.8}
 
@@ -131,16 +132,16 @@ def table(known: list[tuple[str, str, list[float], Any]]) -> str:
 
 
 def main(folder: Path, suffix: str) -> None:
-    """Draw the pictures of both pages, and write the table into its page."""
+    """Draw the pictures, and write the tables into their pages."""
     folder.mkdir(exist_ok=True)
     draw_wijianto(folder / f"wijianto.{suffix}")
-    page = DOCS / "dynamics.md"
-    dynamics = run(page)
+    found = [run(page) for page in TABLES]
     for name, (draw, width, height) in DYNAMICS.items():
-        picture(folder / f"{name}.{suffix}", partial(draw, page=dynamics), width=width, height=height)
-    before, _, rest = page.read_text(encoding="utf-8").partition("<!-- numbers -->\n")
-    _, end, after = rest.partition("<!-- end of numbers -->")
-    page.write_text(f"{before}<!-- numbers -->\n{table(dynamics['known'])}\n{end}{after}", encoding="utf-8")
+        picture(folder / f"{name}.{suffix}", partial(draw, page=found[0]), width=width, height=height)
+    for page, names in zip(TABLES, found, strict=True):
+        before, mark, rest = page.read_text(encoding="utf-8").partition("<!-- numbers -->\n")
+        after = rest[rest.index("<!-- end of numbers -->") :]
+        page.write_text(f"{before}{mark}{table(names['known'])}\n{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

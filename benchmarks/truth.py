@@ -156,7 +156,6 @@ def main(folder: Path, scenes: tuple[tuple[str, Scene], ...] | None = None) -> i
     rows = [row(name, scene) for name, scene in (scenes if scenes is not None else cases())]
     page = "\n".join(["# Power covered by the ground truth", "", NOTE, "", HEADER, *rows, ""])
     (folder / "truth.md").write_text(page, encoding="utf-8")
-    print(page)  # noqa: T201 - what the command is for
     return 0
 
 

@@ -484,11 +484,3 @@ def _mesh_lines(stage: PreparedScene, mesh: str) -> tuple[ToothForces, ComplexAr
         found = found + response_of(steady).lines(forces) * np.maximum(1 - np.abs(position - place), 0)
     passes = motion.gears.teeth[mesh].passes
     return forces, found, passes[0][1] / changing.cycles_per_rev if passes else 0.0
-
-
-def _waveform(lines: ComplexArray, points: int) -> Array:
-    """Return the values at the phases of `_phases` of a function with these lines."""
-    cycles = np.arange(1, lines.size + 1) / points
-    spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
-    spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * cycles) * points / 2
-    return np.asarray(np.fft.irfft(spectrum, n=points))
