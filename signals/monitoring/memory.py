@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _HOUR_S = 3600.0
-_WIDTHS = np.arange(-3.0, 4.0)
+_WIDTHS = np.arange(-3.0, 7.0)  # a minute to 170 days
 _MEMORIES_S = _HOUR_S * 4.0**_WIDTHS
-_PRIOR = np.exp(-0.5 * (_WIDTHS / 1.5) ** 2)
-"""Temperatures of oil and bearings settle within about an hour: the prior of the memory is log-normal about that, with
-a deviation of a factor of 8 (our choice). That there is none is as probable as that there is one."""
+_PRIOR = np.exp(-0.5 * (_WIDTHS / 2.5) ** 2)
+"""Temperatures of oil and bearings settle within about an hour, loads and seasons change over months: the prior of the
+memory is log-normal about an hour, with a deviation of a factor of 32 (our choice). That there is none has the
+probability 0.6, so that thirty records a day apart without one count as 27 or more."""
 SHARES = (0.5, 0.99)  # of the variance that has a memory
-_MOST = 100  # records whose correlations are looked at, the latest
+_MOST = 400  # records that are looked at, the latest; a long memory does not average out over those before
 
 
 def correlations(apart: Array, memories: Array) -> Array:
@@ -43,7 +44,7 @@ def independent_records(scores: Array, times_s: Array) -> Array:
     latest, t = scores[-_MOST:], times_s[-_MOST:]
     covariance = correlations(np.abs(t[:, None] - t), _MEMORIES_S)
     variance = covariance.mean(axis=(1, 2))  # of the mean
-    prior = np.concatenate([[0.5], np.tile(0.25 * _PRIOR / _PRIOR.sum(), len(SHARES))])
+    prior = np.concatenate([[0.6], np.tile(0.2 * _PRIOR / _PRIOR.sum(), len(SHARES))])
     told = np.isfinite(latest).all(axis=0) & (np.ptp(latest, axis=0) > 0)
     root = np.linalg.cholesky(covariance + 1e-9 * np.eye(t.size))  # records of the same time have one state
     whiten = np.linalg.inv(root)
@@ -54,6 +55,6 @@ def independent_records(scores: Array, times_s: Array) -> Array:
     likelihood = np.log(prior)[:, None] - (log_det + np.log(ones) + (t.size - 1) * np.log(left)) / 2
     weight = np.exp(likelihood - likelihood.max(axis=0))
     weight /= weight.sum(axis=0)
-    found[:] = records / t.size / (prior @ variance)
-    found[told] = records / t.size / (variance @ weight)
+    found[:] = 1 / (prior @ variance)
+    found[told] = 1 / (variance @ weight)
     return found

@@ -19,11 +19,11 @@ def test_records_far_apart_count_fully():
     assert np.median(independent_records(*process(30, 86400.0, HOUR_S, 1))) > 0.9 * 30
 
 
-def test_a_memory_that_many_records_show_has_the_number_of_its_process():
-    scores, times = process(100, 300.0, HOUR_S, 2)
-    decay, lags = np.exp(-300.0 / HOUR_S), np.arange(1, 100)
-    expected = 100 / (1 + 2 * ((1 - lags / 100) * decay**lags).sum())  # Bayley and Hammersley 1946
-    assert np.median(independent_records(scores, times)) == pytest.approx(expected, rel=0.35)
+@pytest.mark.parametrize(("records", "step_s", "memory_s"), [(100, 300.0, HOUR_S), (300, 24 * HOUR_S, 240 * HOUR_S)])
+def test_a_memory_that_many_records_show_has_the_number_of_its_process(records, step_s, memory_s):
+    decay, lags = np.exp(-step_s / memory_s), np.arange(1, records)
+    expected = records / (1 + 2 * ((1 - lags / records) * decay**lags).sum())  # Bayley and Hammersley 1946
+    assert np.median(independent_records(*process(records, step_s, memory_s, 2))) == pytest.approx(expected, rel=0.35)
 
 
 def test_the_shorter_the_memory_the_more_they_count():
