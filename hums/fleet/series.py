@@ -15,7 +15,6 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout, Prior
 from signals.monitoring.limits import LimitTable
 
-PRIOR_NAME = "prior.json"
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
 WHOLE_SIGNAL = "record"
@@ -297,15 +296,15 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
 
 
 @lru_cache(maxsize=1)
-def read_prior() -> dict[str, Any]:
+def _stored_prior() -> dict[str, Any]:
     """Return the prior as it is stored."""
-    learned: dict[str, Any] = json.loads((files("hums.fleet") / PRIOR_NAME).read_text(encoding="utf-8"))
+    learned: dict[str, Any] = json.loads((files("hums.fleet") / "prior.json").read_text(encoding="utf-8"))
     return learned
 
 
-def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any] | None = None) -> Prior:
+def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
     """Return the usual deviations of some series; of one that no machine of the prior had, that of most others."""
-    learned = learned or read_prior()
+    learned = _stored_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
     known = learned["log_std"]
     usual = [known.get(key.indicator, float(np.median(list(known.values())))) for key in series]
@@ -315,4 +314,4 @@ def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any
 @lru_cache(maxsize=1)
 def limit_table() -> LimitTable:
     """Return the limits that the healthy machines have shown, one group for each of `Layout.groups`."""
-    return LimitTable(**{name: np.array(values) for name, values in read_prior()["limits"].items()})
+    return LimitTable(**{name: np.array(values) for name, values in _stored_prior()["limits"].items()})
