@@ -1,7 +1,7 @@
-"""Model of gears that vibrate: integrated in time, or the lines of their linear response where these come near enough.
+"""Model of gear dynamics: time integration, or the linear response where it is accurate enough.
 
-What the linear response lacks is estimated from that response itself: the vibration of other meshes times the change of
-a stiffness, and how lines lag behind a speed that changes.
+The error of the linear response is estimated from that response itself: the product of the vibration of other meshes
+and the variation of a stiffness, and the lag of lines behind a varying speed.
 """
 
 import math
@@ -27,17 +27,17 @@ from data_synth.vibration.run import Motion
 
 _INSTANTS = 17  # of a scene at which its linear response is evaluated
 _BINS = 512  # of a spectrum, up to the Nyquist frequency
-_STEADY = 1e-9  # of a speed or a force: what rounding may change
+_STEADY = 1e-9  # of a speed or a force: variation due to rounding
 _NOTHING_DB = -150.0
 _MARGIN_DB, _MODES_PASSED = 3.0, 4.0
-"""Below the floor, since terms are left out; and the power of lines that lag over that at some instants, between which
-speeds may pass modes."""
-_STENCIL = 0.25  # of the share of speed in which a mode is passed: the step of second differences
+"""Margin below the floor for neglected terms; and the ratio of the power of the lag to its value at the instants,
+between which the speed may pass modes."""
+_STENCIL = 0.25  # of the relative half-bandwidth of a mode: the step of second differences
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Whether gears are rendered as lines of their linear response, and why."""
+    """Whether gears are simulated as lines of their linear response, and why."""
 
     linear: bool
     why: str
@@ -48,9 +48,9 @@ class Choice:
 
 
 def chosen(motion: Motion) -> Choice:
-    """Return the model of gears: with "auto" their linear response where it differs by less than `floor_db`.
+    """Return the model of gears: with "auto" their linear response if the models differ by less than `floor_db`.
 
-    The difference is an RMS over that of the worst channel, estimated at instants all over the scene.
+    The difference is the RMS error of the worst channel over its RMS, estimated at instants throughout the scene.
     """
     scene = motion.stage.scene
     if scene.fidelity != "auto":
@@ -58,19 +58,19 @@ def chosen(motion: Motion) -> Choice:
     why = obstacle(motion)
     estimate = _Estimate(motion=motion)
     if not why and estimate.teeth_part():
-        why = "teeth part"
+        why = "teeth lose contact"
     if why:
         return Choice(linear=False, why=f"{why}, so the response is not linear")
     floor_db = scene.dynamics_or_default.floor_db
     error_db = estimate.error_db(enough_db=floor_db - _MARGIN_DB)
     apart = f"about {error_db:.0f} dB" if error_db > _NOTHING_DB else "nothing"
     return Choice(
-        linear=error_db <= floor_db - _MARGIN_DB, why=f"both differ by {apart}, where {floor_db:g} dB are allowed"
+        linear=error_db <= floor_db - _MARGIN_DB, why=f"the models differ by {apart}; {floor_db:g} dB is allowed"
     )
 
 
 def with_gear_lines(stage: PreparedScene, motion: Motion, choice: Choice) -> PreparedScene:
-    """Return the stage with the lines that are not integrated: of bending rings, and of a linear response."""
+    """Return the stage with the lines that are not integrated: of bending rings, and of the linear response."""
     if stage.scene.planet_pass is not None and stage.scene.planet_pass.ring is not None:
         stage = stage.with_bending_rings(motion.sensor_forces.ring_loads())
     return with_lines(stage, motion) if choice.linear else stage
@@ -78,7 +78,7 @@ def with_gear_lines(stage: PreparedScene, motion: Motion, choice: Choice) -> Pre
 
 @dataclass(frozen=True, kw_only=True)
 class _Estimate:
-    """What the linear response of gears lacks, as powers in the channels, (sensor,), means over the scene."""
+    """Error of the linear response of gears, as mean powers in the channels, (sensor,)."""
 
     motion: Motion
 
@@ -92,7 +92,7 @@ class _Estimate:
 
     @cached_property
     def _instants(self) -> list[int]:
-        """Numbers of instants all over the scene; one where all are alike."""
+        """Indices of instants throughout the scene; one if conditions are constant."""
         stage = self.motion.stage
         if all(np.ptp(each) <= _STEADY * np.max(np.abs(each)) for each in (stage.speed_hz, *self.motion.static_n)):
             return [0]
@@ -127,12 +127,12 @@ class _Estimate:
         ]
 
     def _mean(self, lines: list[ComplexArray]) -> Array:
-        """Return the power of lines (sensor, line) of all meshes at all instants, a mean over the latter."""
+        """Return the power (sensor,) of the lines of all meshes, averaged over the instants."""
         powers = [np.sum(np.abs(each) ** 2, axis=1) / 2 for each in lines]
         return np.asarray(np.sum(powers, axis=0) / len(self._instants))
 
     def teeth_part(self) -> bool:
-        """Return whether teeth with play may part: a stiffness near zero, or lines that exceed the static force."""
+        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force."""
         softest = [np.min(force.stiffness) for force in self._forces]
         if np.any(softest < MIN_STIFFNESS * self._response.means):
             return True
@@ -148,7 +148,7 @@ class _Estimate:
         return bool(np.any((total >= static_n)[free][:, self._instants]))
 
     def error_db(self, *, enough_db: float) -> float:
-        """Return the error of the worst channel over its RMS in dB; above `enough_db` only a lower bound."""
+        """Return the relative RMS error of the worst channel in dB; above `enough_db` only a lower bound."""
         both = zip(self._transfers, self._excitations, strict=True)
         power = self._mean([transfer * excitation for transfer, excitation in both])
         error, error_db = np.zeros(power.size), -math.inf
@@ -156,7 +156,7 @@ class _Estimate:
             error = error + part()
             with np.errstate(divide="ignore"):
                 ratio = math.sqrt(np.max(error[error > 0] / power[error > 0], initial=0.0))
-            # terms that follow are those of a geometric series
+            # further terms as in a geometric series
             ratio = ratio / (1 - ratio) if ratio < 1 else math.inf
             error_db = 20 * math.log10(ratio) if ratio > 0 else -math.inf
             if error_db > enough_db:
@@ -164,10 +164,10 @@ class _Estimate:
         return error_db
 
     def _other_variation(self) -> Array:
-        """Return what the stiffness of a mesh makes of the vibration by other meshes.
+        """Return the error by the product of a mesh stiffness and the vibration due to other meshes.
 
-        Lines at unlike orders: the product has its power anywhere, so the gain is a mean over all frequencies. Beside
-        the convolution of both spectra this leaves 1.5 dB.
+        The products may lie at any frequency, so the gain is averaged over all. This is within 1.5 dB of the
+        convolution of both spectra.
         """
         scene, found = self.motion.stage.scene, np.zeros(len(self.motion.stage.scene.sensors))
         grid_hz = np.linspace(0.0, scene.rate_hz / 2, _BINS)
@@ -179,7 +179,7 @@ class _Estimate:
         return found
 
     def _lag(self) -> Array:
-        """Return how lines lag behind a speed that changes.
+        """Return the error by the lag of lines behind a varying speed.
 
         By ``(j / 2) (domega / dt) d2Z / domega2``, the first term of the response to a sweep (Carson and Fry 1937, Bell
         Syst. Tech. J. 16, 513).

@@ -1,8 +1,8 @@
 """Time compression of a long scene, for estimates of cost and fidelity.
 
-Speeds, torques and fault sizes take the values of the scene itself, so lines, top speed and errors are the same;
-revolutions, pulses and impacts are fewer by the factor of compression. Fluctuations are the same too, except that
-rounding may add a point, and that the fastest part of very long ones is left out.
+Speeds, torques and fault sizes are those of the scene, so lines, top speed and errors are the same; the numbers of
+revolutions, pulses and impacts are divided by the compression factor. Fluctuations are also the same, except that
+rounding may add a point, and that very long ones lose their fastest part.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ from data_synth.sources.prepared import PreparedScene
 HistoryT = TypeVar("HistoryT", Speed, Torque)
 
 _COMPRESSED_S = 10.0  # duration of a compressed scene
-_MIN_PULSES = 16.0  # of the tachometer, at least, where the scene itself has them
+_MIN_PULSES = 16.0  # fewest tachometer pulses, if the scene has as many
 _MAX_POINTS = 2**18  # of a fluctuation; one with more loses its fastest part
 _POINTS_PER_CYCLE, _SPARE_SCALES = 8, 20  # as `data_synth.operation.piecewise.fluctuation` uses them
 
@@ -38,7 +38,7 @@ def compression_factor(scene: Scene) -> float:
 
 
 def compressed(scene: Scene, factor: float) -> Scene:
-    """Return the scene with all time histories and growth `factor` times as fast, and as much shorter."""
+    """Return the scene with all time histories and growth accelerated by `factor`, and its duration divided by it."""
     if factor == 1:
         return scene
     duration_s = scene.duration_s / factor
@@ -80,7 +80,7 @@ def _faster_turbulence(turbulence: Turbulence, factor: float, duration_s: float)
 
 
 def _lighter_run_up(speed: Speed, factor: float) -> Speed:
-    """Return a run-up with less inertia: the same torque reaches the same speeds sooner."""
+    """Return a run-up with less inertia, which reaches the same speeds sooner under the same torque."""
     if speed.run_up is None:
         return speed
     return speed.changed(run_up=speed.run_up.changed(inertia_kg_m2=speed.run_up.inertia_kg_m2 / factor))

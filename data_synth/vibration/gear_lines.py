@@ -1,9 +1,9 @@
-"""Lines of gears in motion: their orders, and their complex amplitudes against time, projected from the clean signal.
+"""Lines of gear dynamics: orders, and complex amplitudes against time, by projection of the noise-free signal.
 
-The drawing gives harmonics of every mesh, of every damaged gear, and of every gear with pitch deviations, with
-sidebands at the passes of planets, and what two meshes, or in steady motion damaged gears as well, make with each
-other. Of these orders the loud ones are kept. What damaged teeth add has lines of its own, of the difference to the
-same gears with sound teeth. What is between the lines is stated as the share of the power that they leave.
+Candidates are the harmonics of every mesh, of every damaged gear, and of every gear with pitch deviations, with
+sidebands at the planet pass orders, and the intermodulation of two meshes, or in steady motion also of damaged gears.
+The strongest of them are retained. Damaged teeth have separate lines, of the difference from the same gears with sound
+teeth. The remainder between the lines is stated as a share of the power.
 """
 
 import math
@@ -28,21 +28,21 @@ from data_synth.vibration.order_projection import FEWEST, projection
 # ---- Orders at which gears may have lines ------------------------------------------------------------------------
 
 
-_MIXED = 4  # multiples of one order beside those of another
+_MIXED = 4  # intermodulation: multiples of one order about those of another
 _Base = tuple[Fraction, int, str, str, str]
-_MESH, _DAMAGED, _DEVIATION = range(3)  # a line that several make is that of the first of these
+_MESH, _DAMAGED, _DEVIATION = range(3)  # a line with several sources is assigned to the first of these
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidates:
-    """Orders (k,) at which lines may be, rising and correctly rounded, and (component, kind) of each."""
+    """Candidate orders (k,), increasing and correctly rounded, with (component, kind) of each."""
 
     orders: Array
     sources: tuple[tuple[str, str], ...]
 
 
 def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
-    """Return the orders below `top` at which the gears of a scene may have lines.
+    """Return the candidate orders below `top` of the lines of a scene's gears.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     top : float
         Highest order.
     mixed : bool
-        Whether sums and differences with orders of damaged gears are wanted as well, beside those of two meshes.
+        Whether to include sums and differences with orders of damaged gears, in addition to those of two meshes.
     """
     bases, passes = _bases_of(scene)
     unit = _unit_of(bases, passes)
@@ -61,7 +61,7 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
         for number in sizes[(sizes > 0) & (sizes <= top / unit)].tolist():
             found.setdefault(number, (component, kind))
 
-    # what vibrates in one mesh makes forces in others, whose planets pass the sensors too: those of its own come first
+    # vibration of one mesh causes forces in others, whose planets pass the sensors too; its own come first
     carriers = [each for each in dict.fromkeys(passes.values()) if each[1]]
     for own in (True, False):
         for order, _, mesh, component, kind in bases:
@@ -81,7 +81,7 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
 
 
 def repetition_order(scene: Scene) -> Fraction:
-    """Return the order of which all candidates are whole multiples: steady motion repeats itself at it."""
+    """Return the order of which all candidates are integer multiples, at which steady motion repeats."""
     return _unit_of(*_bases_of(scene))
 
 
@@ -91,7 +91,7 @@ def _unit_of(bases: list[_Base], passes: dict[str, tuple[Fraction, int]]) -> Fra
 
 
 def _bases_of(scene: Scene) -> tuple[list[_Base], dict[str, tuple[Fraction, int]]]:
-    """Return (order, rank, mesh, component, kind) of what repeats itself, and the passes of planets by mesh."""
+    """Return (order, rank, mesh, component, kind) of each periodic source, and the planet pass orders by mesh."""
     meshes, teeth = scene.exact_orders("gear_mesh"), _turn_orders(scene)
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
     bases = [(order, _MESH, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
@@ -102,14 +102,14 @@ def _bases_of(scene: Scene) -> tuple[list[_Base], dict[str, tuple[Fraction, int]
 
 
 def _multiples(order: Fraction, harmonics: NDArray[np.int64], partner: Fraction, sides: int) -> NDArray[np.int64]:
-    """Return whole multiples of an order, with sidebands at multiples of another, (harmonic, side)."""
+    """Return integer multiples of an order with sidebands at multiples of another, (harmonic, side)."""
     return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(partner)), dtype=np.int64)
 
 
 def _turn_orders(scene: Scene) -> dict[str, Fraction]:
-    """Return the order at which each gear meets another, or a planet's mates, by the same tooth again.
+    """Return the order at which the same tooth of each gear meets its mates again.
 
-    Planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them.
+    A sensor sees planets differently: a tooth of a sun or ring repeats once it has met all of them.
     """
     meshes = scene.exact_orders("gear_mesh")
     return {
@@ -123,18 +123,18 @@ def _turn_orders(scene: Scene) -> dict[str, Fraction]:
 # ---- Their amplitudes -------------------------------------------------------------------------------------------
 
 
-_STEADY = 1e-12  # of the speed: what rounding may change
+_STEADY = 1e-12  # of the speed: variation due to rounding
 _SPEED, _TORQUE = 0.01, 0.05
 """By how much the speed and the torque change in an interval of the splines, relative to themselves and to the largest
 torque, where it is shortest: a mode of damping 0.01 is passed in two."""
-_FEWEST_TURNS = 16  # from which the lines of a steady motion are known, if it repeats itself sooner
-_COMPARED = 4096  # samples, even in time, with which the lines are compared
+_FEWEST_TURNS = 16  # that determine the lines of a steady motion, if its period is shorter
+_COMPARED = 4096  # equidistant samples with which the lines are compared
 _SLOW = 0.3  # of the top speed: lines of lower speeds are weak
 _FINEST = 4  # spline intervals per revolution, at most
 
 
 class Line(NamedTuple):
-    """The part of one source in the line at one order, correctly rounded: Z (channel, instant)."""
+    """Contribution of one source to the line at one order, correctly rounded: Z (channel, instant)."""
 
     order: float
     component: str
@@ -149,11 +149,11 @@ class GearLines:
     Attributes
     ----------
     lines : tuple of Line
-        Those of sound teeth, then what damage adds, which may be at the same orders.
+        Those of sound teeth, then the contributions of damage, which may have the same orders.
     left, fault_left : (channel,) array or None
-        Share of the power that the lines leave: of sound teeth, and of what damaged teeth add.
+        Share of the power outside the lines: of sound teeth, and of the contribution of damaged teeth.
     about : str
-        What resolution the lines have.
+        Resolution of the lines, in words.
     """
 
     lines: tuple[Line, ...] = ()
@@ -163,23 +163,23 @@ class GearLines:
 
 
 def gear_lines(prepared: PreparedScene, signal: Array, *, sound: Array | None = None) -> GearLines:
-    """Return the loud lines in the channels of gears in motion at the instants of the truth.
+    """Return the significant lines of gear dynamics in the channels at the instants of the truth.
 
-    At constant speed, torque and damage Z is constant, else a spline of the angle.
+    At constant speed, torque and damage Z is constant, otherwise a spline of the angle.
 
     Parameters
     ----------
     prepared : PreparedScene
     signal : (channel, n) array
-        What gears in motion add to the channels, without free vibration.
+        Contribution of gear dynamics to the channels, without free vibration.
     sound : (channel, n) array or None
-        The same with sound teeth, where some are damaged: at least `samples_compared` of the damaged.
+        The same with sound teeth if some are damaged: at least its first `samples_compared`.
     """
     scene, turning = prepared.scene, np.sign(prepared.speed_hz[prepared.speed_hz != 0])
     if not turning.size or np.ptp(turning):
-        return GearLines(about="left out: the shaft turns back, or nothing moves")
+        return GearLines(about="omitted: the shaft reverses, or nothing moves")
     others = sum(int(np.count_nonzero(family.nonzero)) for family in prepared.families)
-    most = max(0, scene.samples // prepared.instants_s.size - others)  # in eight bytes each, no more than the samples
+    most = max(0, scene.samples // prepared.instants_s.size - others)  # in eight bytes each, at most as many as samples
     healthy = scene.changed(faults=())
     teeth = _lines_in(prepared, signal if sound is None else sound, scene=healthy, most=most // 2)
     if sound is None:
@@ -189,12 +189,12 @@ def gear_lines(prepared: PreparedScene, signal: Array, *, sound: Array | None = 
         lines=teeth.lines + added.lines,
         left=teeth.left,
         fault_left=added.left,
-        about=f"{teeth.about}; of what damage adds {added.about}",
+        about=f"{teeth.about}; contribution of damage: {added.about}",
     )
 
 
 def samples_compared(prepared: PreparedScene, scene: Scene) -> int:
-    """Return the samples from which lines are known: one repetition of a steady motion, else the whole record."""
+    """Return the number of samples that determine the lines: one period of steady motion, else all."""
     whole = scene.samples
     if not is_steady(prepared, scene):
         return whole
@@ -204,7 +204,7 @@ def samples_compared(prepared: PreparedScene, scene: Scene) -> int:
 
 
 def is_steady(prepared: PreparedScene, scene: Scene) -> bool:
-    """Return whether speed, torque and damage of a scene's teeth are constant."""
+    """Return whether speed, torque and tooth damage of a scene are constant."""
     teeth, torque = scene.exact_orders("tooth"), prepared.drive.torque
     return (
         bool(np.ptp(prepared.speed_hz) <= _STEADY * np.max(np.abs(prepared.speed_hz)))
@@ -248,7 +248,7 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
 
 
 def _left(prepared: PreparedScene, signal: Array, revolutions: Array, orders: Array, amplitudes: ComplexArray) -> Array:
-    """Return the share of the power (channel,) that lines leave in some samples, Z linear between instants."""
+    """Return the share of the power (channel,) outside the lines in some samples, with Z linear between instants."""
     samples = np.linspace(0, signal.shape[1] - 1, min(signal.shape[1], _COMPARED)).astype(int)
     found = np.zeros((signal.shape[0], samples.size))
     place = np.interp(samples / prepared.scene.rate_hz, prepared.instants_s, np.arange(prepared.instants_s.size))

@@ -1,11 +1,11 @@
 """Torques on vibrating gears, and their rigid-body rotation, for any time history of speed and torque.
 
-Where a scene declares the speed, gears vibrate about shafts of prescribed angle. The torque of acceleration comes from
-the drive, and each body takes its part: ``J w'`` at the drive, ``-I w'`` at each body, zero in sum.
+If a scene declares the speed, gears vibrate about shafts of prescribed angle. The accelerating torque is supplied by
+the drive and balanced by the inertia of each body: ``J w'`` at the drive, ``-I w'`` at each body, zero in sum.
 
-Where a run-up leaves the speed to the torque, the rotations are full angles: the torque drives them, the load law acts
-on the loaded body at its actual speed, and the declared inertia beyond that of the gears belongs to the driven machine,
-behind a soft coupling: it takes its part of the torque, and its mass does not vibrate. The mesh phase follows the rigid
+In a run-up, where the torque determines the speed, the rotations are full angles: the torque drives them, the load law
+acts on the loaded body at its actual speed, and the declared inertia beyond that of the gears belongs to the driven
+machine behind a soft coupling: it takes its share of the torque but does not vibrate. The mesh phase follows the rigid
 rotation, as does the tachometer; vibration changes a shaft's angle by microns at the teeth.
 """
 
@@ -42,13 +42,13 @@ class DriveLoad:
     Attributes
     ----------
     load : Load
-        All torques; quadratic drag apart from `varying`.
+        All torques, with quadratic drag separate from `varying`.
     damping : (dof, dof) array
         Damping of a load that is linear in speed, N m s/rad.
     rigid_motion : (dof,) array
         Rigid-body mode: displacement of each degree of freedom per radian of the reference.
     full_rotation : bool
-        Whether rotations are full angles, as in a run-up; else they are relative to the prescribed shaft angles.
+        Whether rotations are full angles, as in a run-up, or relative to the prescribed shaft angles.
     at_rest : bool
         Whether the gears are at rest and unloaded at time zero.
     """
@@ -100,7 +100,7 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
     Raises
     ------
     SceneError
-        If no link takes the power out, the speed jumps, or a run-up has less inertia than its gears.
+        If no link is loaded, the speed jumps, or a run-up has less inertia than its gears.
     """
     scene, bodies = stage.scene, kinematics.bodies
     driving = bodies[str(scene.gearbox.reference)]
@@ -130,7 +130,7 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
 
 
 def knots_of(drive: Drive) -> Array:
-    """Return the times in s at which torque or speed have a knot, rising."""
+    """Return the increasing times in s of the knots of torque and speed."""
     torque_s = drive.torque.times_s if drive.torque is not None else np.zeros(0)
     return np.unique(np.concatenate([torque_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
@@ -140,7 +140,7 @@ def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0
 
     `errors_m` (mesh,) are their transmission errors.
 
-    The rigid-body acceleration by the force is left out.
+    It excludes the rigid-body acceleration due to the force.
     """
     means, compliance = np.array([mesh.stiffness.mean for mesh in system.meshes]), _compliance(system)
     deflection = compliance @ force
@@ -159,8 +159,8 @@ def static_displacements(
     """Return elastic displacements (dof, instant) and mesh forces (mesh, instant) under the load, at mean stiffness.
 
     At the instants of the truth; with ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which
-    accelerate the rigid motion bear on the inertias. With `errors` also by the means of transmission errors, whose
-    forces are not zero where meshes close a loop: a planet ahead of its place takes load from the others.
+    accelerate the rigid motion are balanced by the inertias. With `errors`, the means of transmission errors contribute
+    too; their forces are not zero where meshes close a loop: a planet ahead of its position takes load from the others.
     """
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])[:, None]
     rows = np.array([mesh.direction for mesh in system.meshes])
@@ -178,7 +178,7 @@ def _compliance(system: System) -> Array:
 
 
 def _mean_error_m(error: TransmissionError | None) -> float:
-    """Return the mean of a transmission error over its period, from eight values to a cycle."""
+    """Return the mean of a transmission error over its period, from eight values per cycle."""
     if error is None:
         return 0.0
     return float(np.mean(error(np.arange(_VALUES * error.period) / _VALUES)))
@@ -212,7 +212,7 @@ def _rigid(system: System, driving: int) -> Array:
 
 
 def _check_speed_continuous(drive: Drive) -> None:
-    """Raise SceneError where the prescribed speed jumps."""
+    """Raise SceneError if the prescribed speed jumps."""
     times_s, speeds_hz = getattr(drive.angle, "times_s", np.zeros(1)), getattr(drive.angle, "speeds_hz", np.zeros(1))
     jumps = np.flatnonzero((np.diff(times_s) == 0) & (np.diff(speeds_hz) != 0))
     if jumps.size:

@@ -33,22 +33,22 @@ from data_synth.sources.prepared import PreparedScene
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 
 _UM = 1e-6
-_ROUNDING = 1e-6  # of a stiffness, as a message prints it
-_NEAR = 1e-9  # cycles: phases nearer than this are one
-_BORE = 0.4  # of the reference radius, at which the body of a gear is held
-_RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are not modelled
+_ROUNDING = 1e-6  # digits of a stiffness in a message
+_NEAR = 1e-9  # cycles: closer phases are merged
+_BORE = 0.4  # of the reference radius: bore of the gear body
+_RAMP = 0.1  # cycles over which a tooth pair takes up its load, if the teeth are not modelled
 _HELICAL_HARMONICS = 8
-_PHASES = 64  # to the shortest term of a series, at which its least stiffness is looked for
+_PHASES = 64  # points per period of the shortest term of a series, for its minimum
 _INSTANTS = 8193  # at which growth is evaluated
-_STAGES = 17  # of a growing fault, as far apart in size, between which it is taken to grow linearly
+_STAGES = 17  # of a growing fault, equally spaced in size, with linear growth between them
 
 
 @dataclass(frozen=True, kw_only=True)
 class Teeth:
     """Properties of a mesh, and the mesh phases at which damaged teeth are in the middle of their contact.
 
-    `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio),
-    `history` the teeth over time where damage grows, with the phase of the contact's planet; `properties` are the
+    `passes` holds (number of the fault from 0, phase of the first pass, cycles between passes, contact ratio),
+    `history` the teeth against time if damage grows, with the phase of the contact's planet; `properties` are the
     initial ones.
     """
 
@@ -57,7 +57,7 @@ class Teeth:
     history: MeshHistory | None = None
 
     def over_time(self, mesh: Mesh) -> Mesh:
-        """Return the mesh of these teeth as they change in time."""
+        """Return the mesh with these teeth as functions of time."""
         if self.history is None:
             return mesh
         first, error = self.history.stiffnesses[0], self.history.errors[0]
@@ -65,7 +65,7 @@ class Teeth:
 
 
 def kinematics_of(scene: Scene) -> Kinematics:
-    """Return the kinematics of a scene, its meshes with the geometry that `dynamics` adds."""
+    """Return the kinematics of a scene, with the mesh geometry given under `dynamics`."""
     dynamics, gearbox = scene.dynamics_or_default, scene.gearbox
     known = {mesh.name for mesh in gearbox.meshes}
     for name, _ in dynamics.meshes:
@@ -84,7 +84,7 @@ def kinematics_of(scene: Scene) -> Kinematics:
 class Gears:
     """Kinematics of a scene with geometry, and the teeth of its meshes: the same at every fidelity.
 
-    `teeth` are those of each contact by its name, `meshes` the mesh of each contact: planets share one.
+    `teeth` has the teeth of each contact by name, `meshes` the mesh of each contact: planets share one.
     """
 
     kinematics: Kinematics
@@ -95,9 +95,9 @@ class Gears:
 def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[str, float] | None = None) -> Gears:
     """Return the gears with the teeth of every mesh.
 
-    The phase of each mesh at revolution zero is random, or zero with `mesh_rpm`, but for that of a planet's teeth with
-    a second central gear, which follows from the first. `static_n` has the static force of each contact, which decides
-    where damaged teeth lose contact.
+    The phase of each mesh at revolution zero is random, or zero with `mesh_rpm`, except that of a planet with a second
+    central gear, which follows from the first. `static_n` has the static force of each contact, which determines where
+    damaged teeth lose contact.
     """
     try:
         contacts = contacts_of(kinematics, {})
@@ -121,7 +121,7 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[
 
 
 def _cycles_at_first(stage: PreparedScene, kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str, float]:
-    """Return the cycles of each mesh since a pair of its first contact entered, before the machine turned."""
+    """Return the initial phase of each mesh: cycles since a tooth pair of its first contact engaged."""
     cycles, flow = dict[str, float](), power_flow(kinematics, contacts)
     of_planets = dict[tuple[str, int], tuple[Contact, int]]()  # by the planet and its teeth: the first that meets them
     for contact in contacts:
@@ -140,7 +140,7 @@ def _cycles_at_first(stage: PreparedScene, kinematics: Kinematics, contacts: Seq
 
 
 def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | None:
-    """Return the number of the gear of a contact that a component as ``stage 1/pinion`` names; of planets the first."""
+    """Return the index of the gear in a contact named by, say, ``stage 1/pinion``; of planets, the first."""
     link = component.rpartition("/")[2]
     first = kinematics.gearbox.instances(link)[0]
     return contact.links.index(first) if first in contact.links else None
@@ -148,7 +148,7 @@ def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | Non
 
 @dataclass(frozen=True, kw_only=True)
 class _Broken:
-    """A damaged gear of a contact: number of the fault and of the gear, teeth, phase at which the worst one enters."""
+    """A damaged gear of a contact: numbers of fault and gear, teeth, and phase at which the worst one engages."""
 
     number: int
     gear: int
@@ -156,7 +156,7 @@ class _Broken:
     first: int
 
     def damage(self, stage: PreparedScene, time_s: float) -> GearDamage:
-        """Return the changes of its teeth at a time."""
+        """Return the tooth damage at a time."""
         gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, rng_for=stage.rng_for)
         grown = float(stage.scene.faults[self.number].relative_size(time_s))
         return damage_of(stage.scene, self.number, gear=gear, relative_size=grown, time_s=time_s)
@@ -165,9 +165,9 @@ class _Broken:
 def _teeth(
     stage: PreparedScene, kinematics: Kinematics, contact: Contact, static_n: float | None, *, at_first: float
 ) -> Teeth:
-    """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and how they change in time.
+    """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and their growth.
 
-    `at_first` are the cycles since a pair entered, before the machine turned.
+    `at_first` is the initial phase: cycles since a tooth pair engaged.
     """
     scene = stage.scene
     turned = stage.turns_before * scene.exact_orders("gear_mesh").get(contact.mesh, 0)
@@ -222,7 +222,7 @@ def _teeth(
 def _history(
     times_s: Array, stiffnesses: Sequence[Stiffness], errors: Sequence[TransmissionError | None], *, late: float
 ) -> MeshHistory:
-    """Return teeth that change in time, `late` cycles later; objects that are the same remain so."""
+    """Return growing damage delayed by `late` cycles; identical objects remain identical."""
     softer = {id(each): Shifted(of=each, by_cycles=-late % each.period) for each in stiffnesses}
     further = {id(each): each and SumOfErrors(parts=(each,), by_cycles=(-late % each.period,)) for each in errors}
     return MeshHistory(
@@ -233,7 +233,7 @@ def _history(
 
 
 def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
-    """Return times, rising from zero, between which each fault grows by a sixteenth of its growth."""
+    """Return increasing times from zero, between which each fault grows by a sixteenth of its growth."""
     even, kept = np.linspace(0.0, stage.scene.duration_s, _INSTANTS), {0}
     for number in numbers:
         sizes = stage.scene.faults[number].relative_size(even)
@@ -242,7 +242,7 @@ def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
 
 
 def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
-    """Return the pairs of healthy teeth of a contact under their static force."""
+    """Return the healthy tooth pairs of a contact under their static force."""
     declared, pair = scene.dynamics_or_default.mesh(contact.mesh), contact.equivalent_pair
     tooth_pair, scale = None, 1.0
     if _shape(scene, contact) == "teeth":
@@ -281,7 +281,7 @@ def _errors(
     healthy: Sequence[TransmissionError],
     by_cycles: float,
 ) -> tuple[TransmissionError | None, ...]:
-    """Return the transmission error of each stage, one object where they are the same; `healthy` without damage."""
+    """Return the transmission error of each stage of growth, sharing equal ones; `healthy` without damage."""
     own = _shape(scene, contact) == "teeth"
 
     def summed(damage: Sequence[GearDamage]) -> SumOfErrors | None:
@@ -298,7 +298,7 @@ def _errors(
         return SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
 
     found = _of_stages(stages, lambda each: (*_lost(each), each.runout_m), summed)
-    if any(each is not None for each in found):  # a tooth that is gone has none
+    if any(each is not None for each in found):  # a missing tooth has none
         return tuple(each or ProfileError(harmonics_m=np.zeros(1, dtype=np.complex128)) for each in found)
     return found
 
@@ -306,10 +306,10 @@ def _errors(
 def _healthy_errors(
     stage: PreparedScene, kinematics: Kinematics, contact: Contact, declared: MeshDynamics
 ) -> list[TransmissionError]:
-    """Return the errors of a contact without damage: declared, of pitch, and of a displaced planet.
+    """Return the errors of a contact without damage: declared errors, pitch deviations, and planet position errors.
 
-    Deviations along the pitch circle are ``cos(alpha)`` as large along the line of action. A planet ahead of its place
-    opens its meshes on both sides.
+    Deviations along the pitch circle are multiplied by ``cos(alpha)`` along the line of action. A planet ahead of its
+    position opens its meshes on both sides.
     """
     scene = stage.scene
     mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
@@ -332,12 +332,12 @@ def _healthy_errors(
 
 
 def _named(scene: Scene, instance: str) -> str | None:
-    """Return the declared link of which a link is a copy; None for one without copies."""
+    """Return the declared link of which a link is a copy, or None."""
     return next((link for link in scene.gearbox.copied if instance in scene.gearbox.instances(link)), None)
 
 
 def _lost(damage: GearDamage) -> tuple[object, ...]:
-    """Return what of the damage makes pairs lose contact."""
+    """Return the part of the damage that makes tooth pairs lose contact."""
     parts = damage.contact_fraction, damage.removed_m, damage.broken_m, damage.crack_m
     return *(part.tobytes() for part in parts), damage.profile_m, damage.spall_growth
 
@@ -351,7 +351,7 @@ def _stiffnesses(
     *,
     by_cycles: float,
 ) -> tuple[Stiffness, ...]:
-    """Return the stiffness of each stage; one object where they are the same."""
+    """Return the stiffness of each stage of growth, sharing equal ones."""
 
     def softened(damage: Sequence[GearDamage]) -> Stiffness:
         damaged = modified_teeth(sharing)
@@ -367,14 +367,14 @@ def _of_stages(
     key: Callable[[GearDamage], tuple[object, ...]],
     make: Callable[[Sequence[GearDamage]], Any],
 ) -> tuple[Any, ...]:  # which `make` makes
-    """Return what is made of each stage of the damage, once of those with the same keys."""
+    """Return the result of `make` for each stage of growth, computed once for equal keys."""
     keys = [tuple(map(key, damage)) for damage in stages]
     made = {own: make(damage) for own, damage in dict(zip(keys, stages, strict=True)).items()}
     return tuple(made[own] for own in keys)
 
 
 def _shape(scene: Scene, contact: Contact) -> str:
-    """Return how the stiffness of a contact varies: as declared, or by the teeth where the geometry allows it."""
+    """Return the stiffness model of a contact: as declared, or by the tooth geometry if possible."""
     pair = contact.equivalent_pair
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
@@ -433,9 +433,9 @@ def _declared_wave(declared: MeshDynamics, mesh: str, *, mean: float, ratio: flo
 
 @dataclass(frozen=True, kw_only=True)
 class Knotted:
-    """`TeethInMesh`, later by some cycles, with its kinks among its jumps: between two of them it is smooth.
+    """`TeethInMesh` delayed by some cycles, with kinks listed among its jumps: it is smooth between them.
 
-    So few cells tabulate it. `period` is that of the teeth.
+    A table with few cells therefore suffices. `period` is that of the teeth.
     """
 
     of: TeethInMesh
@@ -449,7 +449,7 @@ class Knotted:
 
     @cached_property
     def jumps(self) -> tuple[float, ...]:
-        """Phases at which it or its slope jumps."""
+        """Phases of jumps of the value or its slope."""
         within = np.remainder(self.of.path_cycles, 1.0)
         kinks = (np.arange(self.period)[:, None] + within).ravel()
         every = np.concatenate([self.of.jumps, kinks])
@@ -458,7 +458,7 @@ class Knotted:
         return tuple(every[apart].tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
         return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
@@ -468,7 +468,7 @@ def _tooth_pair(contact: Contact) -> ToothPair:
 
 
 def _by_strain_energy(contact: Contact, mean: float | None, damaged: list[DamagedTooth]) -> TeethInMesh:
-    """Return the stiffness by strain energy of the teeth in contact, scaled to the mean if one is given."""
+    """Return the stiffness of the teeth in contact from their strain energy, scaled to a given mean."""
     try:
         teeth = teeth_in_mesh(_tooth_pair(contact), damaged=damaged, teeth=contact.teeth)
     except ValueError as caught:
@@ -486,7 +486,7 @@ def _by_strain_energy(contact: Contact, mean: float | None, damaged: list[Damage
 def tooth_passes(
     stage: PreparedScene, teeth: Teeth, *, cycles_per_rev: float, stop_s: float
 ) -> Iterator[tuple[int, Array, float]]:
-    """Yield fault number, times in s of its passes through mid-contact, and half a pass in rev, for each tooth."""
+    """Yield fault number, times in s of mid-contact, and half a contact duration in rev, for each damaged tooth."""
     begin, end = stage.drive.angle.revolutions([0.0, stop_s]) * cycles_per_rev
     for number, first, every, ratio in teeth.passes:
         turns = np.arange(math.ceil((begin - first) / every), math.floor((end - first) / every) + 1)

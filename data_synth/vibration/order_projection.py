@@ -1,12 +1,12 @@
-"""Order-domain projection: complex amplitudes of given orders in a signal, as splines of the angle of a shaft.
+"""Order-domain projection: complex amplitudes of given orders in a signal, as splines of shaft angle.
 
-Over the angle phi of the reference shaft, a signal x times a weight w that rises smoothly from zero at both ends has
-the transform ``Y(m) = 2 / P integral w x exp(-2 pi j m phi / P) dphi``. Samples are uneven in angle: they are spread on
-an even grid by the kernel ``exp(beta (sqrt(1 - z^2) - 1))``, which does not alias at any speed (Barnett, Magland and af
-Klinteberg 2019, SIAM J. Sci. Comput. 41, C479). A line whose amplitude is a spline of the angle has a narrow transform
-about its order. All lines are fitted together, by conjugate gradients on the normal equations (Hestenes and Stiefel
-1952, J. Res. NBS 49, 409), preconditioned by the Gram matrix of the splines; stopped early, they divide among lines
-that the record does not separate what these have in common.
+With a weight w that is zero at both ends and rises smoothly, a signal x has over the angle phi of the reference shaft
+the transform ``Y(m) = 2 / P integral w x exp(-2 pi j m phi / P) dphi``. Samples are not equidistant in angle: they are
+spread onto an equidistant grid by the kernel ``exp(beta (sqrt(1 - z^2) - 1))``, which does not alias at any speed
+(Barnett, Magland and af Klinteberg 2019, SIAM J. Sci. Comput. 41, C479). A line whose amplitude is a spline of the
+angle has a narrow transform about its order. All lines are fitted together, by conjugate gradients on the normal
+equations (Hestenes and Stiefel 1952, J. Res. NBS 49, 409), preconditioned by the Gram matrix of the splines; early
+stopping divides the common part of lines that the record does not resolve among them.
 """
 
 import math
@@ -31,7 +31,7 @@ _RISE, _RISE_OF_CONSTANTS = 0.25, 0.1  # of an interval, and of a record, in whi
 _APART, _APART_OF_CONSTANTS = 1.0, 0.25
 """Periods of an interval, and of a record, by which a line is apart from every louder one, and from order zero: nearer
 ones leave a signal of constant lines, but splines at as many orders would be more than there are samples."""
-_LEFT_OUT = 1e-4  # of the power of all lines: the weakest, together
+_LEFT_OUT = 1e-4  # of the power of all lines: total of the weakest
 _STEPS, _SETTLED = 12, 1e-2  # conjugate gradients, at most, and the share of what is left that a last one takes away
 _LINES, _BLOCK = 512, 65536  # lines that are transformed at once, and samples
 
@@ -43,13 +43,13 @@ class Projection:
     Attributes
     ----------
     chosen : (line,) int array
-        Rising places among the orders that were asked for.
+        Increasing indices among the requested orders.
     amplitudes : (channel, line, instant) complex array
         Z, ``x = Re sum Z exp(2 pi j order angle)``.
     left : (channel,) array
-        Share of the weighted power, even in angle, that the lines leave.
+        Share of the weighted power, uniform in angle, outside the lines.
     interval_rev : float
-        Of the splines, or of the record: lines nearer than an order of its inverse are not told apart.
+        Knot interval of the splines, or length of the record: lines closer than its inverse are not resolved.
     """
 
     chosen: NDArray[np.int_]
@@ -68,24 +68,23 @@ def projection(
     intervals: int,
     most: int | None = None,
 ) -> Projection:
-    """Return the lines of a signal at given orders, the weakest left out, and all but the `most` loudest.
+    """Return the strongest lines of a signal at given orders, at most `most`, without negligible ones.
 
-    The shorter the intervals of the splines, the fewer lines are told apart: they are made longer, by factors of two,
-    while less is left.
+    Shorter intervals of the splines resolve fewer lines; intervals are doubled as long as this reduces the residual.
 
     Parameters
     ----------
     signal : (channel, n) array
     revolutions : (n,) array
-        Angle of the reference shaft at the samples, rising.
+        Angle of the reference shaft at the samples, increasing.
     orders : (k,) array
-        Rising, above zero.
+        Positive, increasing.
     at_rev : (instant,) array
-        Angles at which amplitudes are wanted.
+        Angles at which amplitudes are returned.
     top_order : float or (n,) array
-        Highest order to which the spectrum is known, which is lower where the shaft is faster: above it a line is zero.
+        Highest order of the spectrum, lower where the shaft is faster; lines above it are zero.
     intervals : int
-        Of the splines, at most; 0 for amplitudes that are constant.
+        Largest number of spline intervals; 0 for constant amplitudes.
     """
     spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape), intervals)
     places = np.flatnonzero(orders < spectrum.top_order)
@@ -101,7 +100,7 @@ def projection(
 
 
 def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array, most: int | None) -> Projection:
-    """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
+    """Return the lines as splines with a number of intervals, with phase zero at the first sample."""
     interval_rev = spectrum.span_rev / max(intervals, 1)
     apart = (_APART if intervals else _APART_OF_CONSTANTS) / interval_rev
     some = _separate(orders, spectrum.power_about(orders, 1 / interval_rev), apart=apart)
@@ -111,7 +110,7 @@ def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array,
     coefficients[:, np.setdiff1d(np.arange(some.size), loud)] = 0
     left = spectrum.transform - lines.transform(coefficients)
     explained = np.sum(np.abs(spectrum.transform) ** 2 - np.abs(left) ** 2, axis=1)
-    # where the weight rises from zero, amplitudes are those where it is one
+    # amplitudes where the weight rises are those where it is one
     ends_rev = spectrum.rise_rev if intervals else 0.0
     splines = lines.splines(np.clip(at_rev - spectrum.revolutions[0], ends_rev, spectrum.span_rev - ends_rev))
     return Projection(
@@ -126,7 +125,7 @@ def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array,
 class _Spectrum:
     """Transform of a weighted signal over angle, in lines of ``1 / period_rev``.
 
-    The weight rises and falls in a share of the shortest interval of splines, or, of constants, of the record.
+    The weight rises and falls within a fraction of the shortest spline interval or, for constants, of the record.
     """
 
     signal: Array
@@ -162,13 +161,13 @@ class _Spectrum:
         return self.cells / self._cells_per_rev
 
     def weight(self, angle_rev: Array) -> Array:
-        """Return w at angles from the first sample on."""
+        """Return w at angles from the first sample."""
         from_end = np.minimum(angle_rev, self.span_rev - angle_rev)
         return np.asarray(np.sin(np.pi / 2 * np.clip(from_end / self.rise_rev, 0.0, 1.0)) ** 2)
 
     @property
     def power(self) -> Array:
-        """Sum of the squares (channel,) that the transform would have to any order."""
+        """Sum of squares (channel,) of the transform over all orders."""
         return self._transformed[1]
 
     @property
@@ -202,7 +201,7 @@ class _Spectrum:
         return np.stack(spectrum), power
 
     def power_about(self, orders: Array, width: float) -> Array:
-        """Return the sum of squares (k,) about orders, of which less and less counts up to a width."""
+        """Return the sum of squares (k,) around orders, tapered to zero at a width."""
         from scipy.ndimage import uniform_filter1d  # noqa: PLC0415
 
         power, size = np.sum(np.abs(self.transform) ** 2, axis=0), max(1, round(width * self.period_rev))
@@ -216,7 +215,7 @@ def _kernel(cells: NDArray[Any]) -> NDArray[Any]:
 
 
 def _kernel_response(cycles_per_cell: Array) -> Array:
-    """Return the Fourier transform of the kernel, by Gauss's rule between few points and linear between many."""
+    """Return the Fourier transform of the kernel, by Gaussian quadrature at few points, interpolated linearly."""
     nodes, weights = np.polynomial.legendre.leggauss(96)
     known_at = np.linspace(0, 0.5 / _FINER, 4097)
     waves = np.cos(np.pi * _SPREAD * np.multiply.outer(known_at, nodes))
@@ -228,8 +227,8 @@ def _kernel_response(cycles_per_cell: Array) -> Array:
 class _Lines:
     """Lines at some orders whose amplitudes are splines: coefficients (channel, line, spline) and their transform.
 
-    Each is known at `_bins` even angles of the period, times w, relative to the line of the transform next to its
-    order, about which it has as many lines.
+    Each is sampled at `_bins` equidistant angles of the period, times w, relative to the bin nearest to its order,
+    around which it has as many bins.
     """
 
     spectrum: _Spectrum
@@ -238,7 +237,7 @@ class _Lines:
     _cached: dict[int, tuple[NDArray[np.complex64], NDArray[np.int64]]] = field(default_factory=dict, init=False)
 
     def splines(self, angle_rev: Array) -> Any:  # noqa: ANN401 - sparse arrays have no type of their values
-        """Return the splines (n, spline) at angles from the first sample on, a sparse array."""
+        """Return the splines (n, spline) at angles from the first sample, a sparse array."""
         from scipy.interpolate import BSpline  # noqa: PLC0415
         from scipy.sparse import csr_array  # noqa: PLC0415
 
@@ -250,7 +249,7 @@ class _Lines:
 
     @cached_property
     def _weighted(self) -> Any:  # noqa: ANN401
-        """Splines times w at the even angles, (bin, spline), sparse."""
+        """Splines times w at the equidistant angles, (bin, spline), sparse."""
         from scipy.fft import next_fast_len  # noqa: PLC0415
 
         bins = int(next_fast_len(_BINS * (max(self.intervals, FEWEST) + _DEGREE)))
@@ -265,14 +264,14 @@ class _Lines:
 
     @cached_property
     def _known(self) -> NDArray[np.bool_]:
-        """Whether a line is known about the middle of each spline, (line, spline): elsewhere there are its aliases."""
+        """Whether a line is below the highest order around the centre of each spline, (line, spline)."""
         middles = (np.arange(self._weighted.shape[1]) - (_DEGREE - 1) / 2) / max(self.intervals, 1)
         at_rev = self.spectrum.revolutions[0] + self.spectrum.span_rev * middles
         known = np.interp(at_rev, self.spectrum.revolutions, self.spectrum.known_orders)
         return np.asarray(self.orders[:, None] <= known)
 
     def _preconditioned(self, gradient: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return coefficients of lines that each stand alone."""
+        """Return the coefficients as if lines were separate."""
         rows = gradient.reshape(-1, gradient.shape[-1]).T.astype(np.complex128)
         return np.asarray(self._factor.solve(rows).T.reshape(gradient.shape) * self._known, dtype=np.complex64)
 
@@ -281,7 +280,7 @@ class _Lines:
             yield slice(start, min(start + _LINES, self.orders.size))
 
     def _about(self, here: slice) -> tuple[NDArray[np.complex64], NDArray[np.int64]]:
-        """Return the phasors (line, bin) of orders beside their next line, and the lines (line, bin) about that."""
+        """Return the phasors (line, bin) of orders relative to their nearest bin, and the bins around it."""
         if here.start not in self._cached:
             bins, place = self._weighted.shape[0], self.orders[here] * self.spectrum.period_rev
             nearest = np.rint(place).astype(np.int64)
@@ -344,7 +343,7 @@ class _Lines:
 
 
 def _separate(orders: Array, powers: Array, *, apart: float) -> NDArray[np.int_]:
-    """Return the rising places of orders at least `apart` from each louder one and from zero, all but the weakest."""
+    """Return the increasing indices of significant orders at least `apart` from zero and from each stronger one."""
     kept, taken = [0.0], list[int]()
     for number in (loudest := _loudest(powers))[np.argsort(-powers[loudest], kind="stable")].tolist():
         order = float(orders[number])
@@ -356,7 +355,7 @@ def _separate(orders: Array, powers: Array, *, apart: float) -> NDArray[np.int_]
 
 
 def _loudest(powers: Array, *, most: int | None = None) -> NDArray[np.int_]:
-    """Return the rising places of all but the weakest, which together have a small share of the power."""
+    """Return the increasing indices of all but the weakest lines, which together have a small share of the power."""
     rising = np.argsort(powers, kind="stable")
     weakest = int(np.searchsorted(np.cumsum(powers[rising]), _LEFT_OUT * np.sum(powers)))
     if most is not None:

@@ -1,7 +1,7 @@
-"""Vibration of a scene's gears: equations of motion, external torques, and forces towards the sensors.
+"""Vibration of a scene's gears: equations of motion, external torques, and forces at the sensors.
 
-The gearbox is assembled in the plane, or in space where axes cross or teeth are helical, and degrees of freedom that
-nothing excites are left out. Bearing forces are those of their springs.
+The gearbox is assembled in the plane, or in space if axes cross or teeth are helical, without degrees of freedom that
+nothing excites. Bearing forces are those of their springs.
 """
 
 import math
@@ -39,10 +39,10 @@ from hums.gearbox.kinematics import Kinematics
 
 
 def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None = None) -> Assembly:
-    """Return the gearbox of a scene in the plane, or in space where axes cross or teeth are helical.
+    """Return the gearbox of a scene in the plane, or in space if axes cross or teeth are helical.
 
     Bodies in mesh with planets have coordinates that rotate with the carrier, with the gyroscopic terms of the mean
-    speed; a run-up, which has no mean speed, leaves them out.
+    speed; a run-up, which has no mean speed, omits them.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class _WeightedForces:
 
     @classmethod
     def of(cls, output: Output) -> "_WeightedForces | None":
-        """Return the replacement of an output with mesh forces; None where it has none."""
+        """Return the replacement of an output with mesh forces; None without any."""
         if output.mesh_force is None:
             return None
         maps = {
@@ -178,7 +178,7 @@ class _WeightedForces:
     def push(self, values: Array) -> tuple[Array, Array]:
         """Return the channels (n, channels), `_LAG` samples behind the next values (n, 3 channels).
 
-        First free of aliases, for a filter, then as samples. Before the first values they are taken to be constant.
+        First the alias-free values, for a filter, then samples. Before the first values they are taken to be constant.
         """
         if not self._buffer.size:
             self._buffer = np.repeat(values[:1], _LAG + _TERMS, axis=0)
@@ -198,10 +198,10 @@ class _WeightedForces:
 
 _BLOCK = 8192
 _TRIAL = 4096
-_DAMPING = 0.02  # ratio of gears that have none, for their forced vibration
-_TOP = 1 - 1e-9  # of the top speed: less is rounding
+_DAMPING = 0.02  # damping ratio of undamped gears, for their forced vibration
+_TOP = 1 - 1e-9  # of the top speed: smaller changes are rounding
 _MOST_DENSE = 64
-_FEWEST_DENSE = 2  # where a channel has a filter, so that it works before samples are left out
+_FEWEST_DENSE = 2  # if a channel has a filter, which acts before decimation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,13 +244,13 @@ class Motion:
 
     @cached_property
     def jumps(self) -> tuple[tuple[float, State], ...]:
-        """Times in s at which the load jumps, and by how much the static deflection does."""
+        """Times in s at which the load jumps, and the jumps of the static deflection."""
         return self.drive_load.jumps(self.system, self.stage.drive)
 
     def without_free_vibration(self) -> "Motion | None":
         """Return the same motion if the start and jumps of the load set off no free vibration; None if they do not.
 
-        Gears without damping have it all the same: else their forced vibration would not be defined.
+        Undamped gears are given damping for this: without it their forced vibration would be undefined.
         """
         if not self.drive_load.at_rest and not self.jumps:
             return None
@@ -265,7 +265,7 @@ class Motion:
 
     @property
     def teeth_angle(self) -> ReferenceAngle:
-        """Angle of the reference shaft that the mesh phases follow."""
+        """Angle of the reference shaft that determines the mesh phases."""
         rpm = self.stage.scene.dynamics_or_default.mesh_rpm
         return (
             self.stage.drive.angle if rpm is None else ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([rpm / 60]))
@@ -278,9 +278,9 @@ class Motion:
 
     @cached_property
     def static_readings(self) -> Array | None:
-        """Static part of readings of declared paths, (route, instant) N, zero of others; None: no such route.
+        """Static part of readings of declared paths, (route, instant) N, zero for others; None without such a route.
 
-        Without free vibration that of all: a housing would answer to its jumps.
+        Without free vibration it is that of all routes: a housing would respond to its jumps.
         """
         declared = np.array([route.path is not None or self.eased for route in self.sensor_forces.routes])
         if not declared.any():
@@ -321,9 +321,9 @@ class Motion:
     def blocks(
         self, output: Output, *, samples: int, delay: int = 0
     ) -> Iterator[tuple[Integration, NDArray[np.int64]]]:
-        """Yield an output at its rate in blocks, and the number of each value from time zero, less the delay.
+        """Yield an output at its rate in blocks, with the index of each value from time zero, less the delay.
 
-        From before time zero, while the transient of the start decays; SceneError if the integration fails.
+        It starts before time zero, while the initial transient decays; SceneError if the integration fails.
         """
         from data_synth.integrators.driver import integrate_blocks  # noqa: PLC0415
 
@@ -341,15 +341,15 @@ class Motion:
             raise not_followed(caught) from None
 
     def steps(self) -> int:
-        """Return the steps to a sample that keep the error, from a trial of 4096 samples at the critical time."""
+        """Return the steps per sample for the error tolerance, from a trial of 4096 samples at the critical time."""
         from data_synth.integrators.driver import steps_to_a_sample  # noqa: PLC0415
 
         if self.steps_per_sample is not None:
             return self.steps_per_sample
         scene, output = self.stage.scene, self.output
-        if self.sensor_forces.rotate:  # forces of planets may cancel in the sum
+        if self.sensor_forces.rotate:  # forces of planets may cancel
             trial_output = Output(rate_hz=output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
-        else:  # forces on a rigid housing nearly cancel, too: those that a sensor feels above its first mode do not
+        else:  # forces on a rigid housing nearly cancel too, but not those transmitted above its first mode
             felt = np.array([route.number for route in self.sensor_forces.routes])
             to_sensors = (felt == np.arange(len(scene.sensors))[:, None]).astype(np.float64)
             trial_output = Output(
@@ -358,7 +358,7 @@ class Motion:
         weighted = _WeightedForces.of(trial_output)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
         critical_s, reverses = self.critical_time_s()
-        # a torque that rises from zero has parted the teeth before time zero
+        # a torque that rises from zero separates the teeth before time zero
         first_s = -min(self.settling_time_s, long_s / 2) if reverses else 0.0
         start_s = min(max(first_s, critical_s - long_s / 2), max(0.0, scene.duration_s - long_s))
         try:
@@ -371,7 +371,7 @@ class Motion:
             raise not_followed(caught) from None
 
     def critical_time_s(self) -> tuple[float, bool]:
-        """Return the time that needs most steps, and whether it is a torque reversal with backlash or the top speed."""
+        """Return the time that needs the most steps, and whether torque reverses with backlash there."""
         drive, torque = self.stage.drive, self.stage.drive.torque
         times_s = self.stage.instants_s
         if torque is not None and any(mesh.backlash_m > 0 for mesh in self.system.meshes):
@@ -384,8 +384,8 @@ class Motion:
     def problem(self, start_s: float, duration_s: float) -> Problem:
         """Return the initial value problem from a time on, starting at rest or in static equilibrium.
 
-        Teeth follow their transmission errors from the start: an equilibrium without them would begin with a shock
-        several times what the record has, which costs steps.
+        Transmission errors act from the start: an equilibrium without them would begin with a shock several times the
+        forces of the record, which costs steps.
         """
         turned = float(self.teeth_angle.revolutions([start_s])[0])
         errors_m = errors_at(self.system.meshes, revolutions=turned, time_s=start_s)
@@ -406,7 +406,7 @@ def scene_system(scene: Scene) -> Callable[[float], System]:
     Parameters
     ----------
     scene : Scene
-        Its bodies have the motions that teeth and torques excite, as with `fidelity = "dynamic"`.
+        Scene whose bodies have the degrees of freedom excited by teeth and torques, as with `fidelity = "dynamic"`.
 
     Returns
     -------
@@ -482,7 +482,7 @@ def motion_of(stage: PreparedScene) -> Motion:
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
-    # planets that are not where they should be bear more or less of the load
+    # planets with position errors carry more or less of the load
     _, static_n = static_displacements(stage, system, acting, errors=sensor_forces.rotate)
     by_mesh = {mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
     sensor_forces = replace(sensor_forces, static_n=by_mesh)
@@ -520,7 +520,7 @@ def check_supported(scene: Scene) -> None:
 
 
 def not_followed(caught: IntegrationError) -> SceneError:
-    """Return the error of a scene whose gears an integration failed to follow, with what a scene can change."""
+    """Return the error of a scene whose integration failed, with remedies."""
     words = str(caught).partition(" To do:")[0]
     return SceneError(
         f"the gears cannot be followed in time: {words} Raise dynamics.error or rate_hz; or check torque, "
@@ -531,7 +531,7 @@ def not_followed(caught: IntegrationError) -> SceneError:
 def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
     """Return, for each tooth fault, the times in s of its passes through a mesh, and half a pass in revolutions.
 
-    A tooth of a sun or of a ring passes one planet after the other.
+    A tooth of a sun or ring passes one planet after the other.
     """
     scene = motion.stage.scene
     last_s = (scene.samples - 1) / scene.rate_hz
@@ -545,6 +545,6 @@ def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
 
 
 def contacts_in(system: System, mesh: str) -> list[int]:
-    """Return the numbers of the contacts of a mesh in a system: one for each planet."""
+    """Return the indices of the contacts of a mesh in a system, one per planet."""
     name = re.compile(rf"{re.escape(mesh)}( \d+)?")
     return [number for number, other in enumerate(system.meshes) if name.fullmatch(other.name)]

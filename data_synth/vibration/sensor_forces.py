@@ -1,15 +1,15 @@
 """Forces on the housing in the direction of each sensor, from the motion of the gears and the mesh forces.
 
-The force of a bearing is that of its springs. Mesh forces on gears of the frame, as a ring in its housing, act on it
-directly. Forces in coordinates that rotate with a carrier are resolved in the fixed direction of the sensor.
+The force of a bearing is that of its springs. Mesh forces on gears of the frame, such as a ring in its housing, act on
+it directly. Forces in coordinates that rotate with a carrier are resolved in the fixed direction of the sensor.
 
-All these forces add up to that on a rigid housing, along their own directions: those inside of the gearbox that balance
-move nothing. What is nearer to a sensor, or further, is felt by it through the elastic housing alone, above its first
-mode (`data_synth.transfer.housing`): the gain of a force less one is that of a second route.
+Their vector sum acts on a rigid housing: balanced internal forces do not move it. The distance of a force from a sensor
+matters only for the elastic housing, above its first mode (`data_synth.transfer.housing`): its gain less one is that of
+a second route.
 
-Where planets pass the sensors, the pass window of a planet's angle from the sensor, which is taken to be on the ring in
-the direction of its axis, is such a gain of the force of its ring mesh. It is that of the dynamic part F - F_0 alone,
-F_0 the static force under the load of the instant, which bends an elastic ring as its planet passes:
+Where planets pass the sensors, the pass window, a function of a planet's angle from the sensor, which is taken to be on
+the ring in the direction of its axis, is such a gain of the force of its ring mesh. It applies to the dynamic part F -
+F_0 alone; F_0 is the static force under the load of the instant, which bends an elastic ring as its planet passes:
 `data_synth.kinematic.ring_bending`.
 """
 
@@ -34,7 +34,7 @@ from data_synth.transfer.acquisition import linear_chain, measured_filter
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
 from data_synth.transfer.paths import FirFilter, MeasuredPath, TransferPath, transfer_paths
 
-# ---- Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links ----
+# ---- Transfer routes from gears to sensors: through the housing, or by declared paths from single links ----
 # A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
 
 
@@ -47,10 +47,10 @@ class Route:
     number : int
         Number of the sensor.
     source : str or None
-        The link or bearing it starts from; None for the housing, which transfers all that have no path of their own.
+        Link or bearing at which it starts; None for the housing, which transfers all forces without a declared path.
     elastic : bool
-        Of the housing: not as a rigid body, but what its elasticity adds for forces near the sensor, and takes for
-        others.
+        Whether it is the elastic contribution of the housing, which increases the response to forces near the sensor
+        and reduces that to others.
     """
 
     number: int
@@ -68,7 +68,7 @@ class Route:
 
     def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
         """Return the filter of the route at rest, for a force at `rate_hz`."""
-        sensor = scene.sensors[self.number].changed(skew_s=0.0)  # the whole channel is moved in time
+        sensor = scene.sensors[self.number].changed(skew_s=0.0)  # the delay applies to the whole channel
         chain = linear_chain(sensor, rate_hz=scene.rate_hz)
         if isinstance(self.path, MeasuredPath):
             fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)
@@ -80,7 +80,7 @@ class Route:
 
 @dataclass(kw_only=True)
 class RouteFilter:
-    """The filter of a route, with a further delay to align it with others."""
+    """Filter of a route, with a further delay to align it with others."""
 
     push: Callable[..., Array]
     lag: int
@@ -104,7 +104,7 @@ class _StartingConstant:
         self._first: float | None = None
 
     def push(self, force: Array, *, at_once: Array) -> Array:
-        """Return the response (n,) to the next n samples; `at_once` is for filters with a direct part."""
+        """Return the response (n,) to the next n samples; `at_once` is for filters with a direct feedthrough."""
         del at_once
         if self._first is None:
             self._first = float(force[0])
@@ -112,12 +112,12 @@ class _StartingConstant:
 
 
 def routes_of(scene: Scene) -> tuple[Route, ...]:
-    """Return the routes to the sensors of a scene: to each through the rigid and the elastic housing, then the paths.
+    """Return the routes to each sensor of a scene: through the rigid and the elastic housing, then declared paths.
 
     Raises
     ------
     SceneError
-        If a path starts from a mesh; it has to start from a link or a bearing.
+        If a path starts at a mesh; it must start at a link or a bearing.
     """
     numbers = {sensor.name: number for number, sensor in enumerate(scene.sensors)}
     declared = [
@@ -137,8 +137,8 @@ def routes_of(scene: Scene) -> tuple[Route, ...]:
 def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route, ...]) -> dict[str, float]:
     """Return the gains of a route for the supports of each body, and for gears of the frame.
 
-    A declared path has those of its source, the housing all bodies without a path of their own to this sensor: as a
-    rigid body each alike, and as an elastic one what their weights are above that.
+    A declared path has those of its source, the housing those of all bodies without a path to this sensor: equal gains
+    as a rigid body, and the differences of their weights from these as an elastic one.
     """
     sensor = scene.sensors[route.number]
     weights = _weights(scene, whole, sensor)
@@ -161,7 +161,7 @@ def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route
 
 
 def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
-    """Return the bodies of a link or bearing: of a bearing the rings that are not the frame."""
+    """Return the bodies of a link or bearing; for a bearing, the rings other than the frame."""
     gearbox, parts = scene.gearbox, whole.parts
     for bearing in gearbox.bearings:
         if source in bearing.names:
@@ -194,7 +194,7 @@ class RotatingReading:
 
 @dataclass(frozen=True, kw_only=True)
 class PassingMesh:
-    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it.
+    """Force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it.
 
     Its dynamic part acts with `weight` times the window as gain, less `rigid` times ``cos(angle) first + sin(angle)
     second + axial``, that on a rigid housing; where `rigid` is zero, as on a declared path, its static part with
@@ -225,12 +225,12 @@ class SensorForces:
     routes : tuple of Route
         Transfer routes.
     carriers : mapping of carrier to (ratio, offset)
-        Revolutions per revolution of the reference, and at its revolution zero.
+        Revolutions per revolution of the reference, and initial angle in revolutions.
     static_n : mapping of mesh to (instant,) array
-        Static mesh forces under the load at the instants of the truth; none of a mesh that is left out.
+        Static mesh forces under the load at the instants of the truth, without omitted meshes.
     static_readings : (route, instant) array, or None
-        Static part of the readings of routes of declared paths, zero of others, which is left out: an accelerometer has
-        none, and a mode of unit gain would pass it. None: no route has a declared path.
+        Static part of the readings of declared paths, zero for others, which is subtracted: an accelerometer does not
+        measure it, but a mode of unit static gain would transmit it. None without declared paths.
     """
 
     stage: PreparedScene = field(repr=False)
@@ -281,7 +281,7 @@ class SensorForces:
         return np.asarray(sensed)
 
     def ring_loads(self) -> list[RingLoad]:
-        """Return the static forces of planets on the rings that sensors are on."""
+        """Return the static forces of planets on the rings that carry sensors."""
         loads = []
         for passes in self.passing:
             route = self.routes[passes.route]
@@ -304,15 +304,15 @@ class SensorForces:
 
 
 def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs) -> SensorForces:
-    """Return the forces of a scene's gears towards its sensors.
+    """Return the forces of a scene's gears at its sensors.
 
     Parameters
     ----------
     stage : PreparedScene
     whole : Assembly
-        With all degrees of freedom.
+        Assembly with all degrees of freedom.
     excited : ExcitedDofs
-        Those that are integrated.
+        Degrees of freedom that are integrated.
     """
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
@@ -321,7 +321,7 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
     every, presses = routes_of(scene), pressing_bodies(whole)
     of_each = [route_gains(scene, whole, route, every) for route in every]
     felt = [window is not None or any(own[body] for body in presses) for own in of_each]
-    felt[0] |= not any(felt)  # nothing presses on a housing without bearings, but it has a channel
+    felt[0] |= not any(felt)  # no force acts on a housing without bearings, but it has a channel
     routes, weights = tuple(compress(every, felt)), list(compress(of_each, felt))
     directions_of_sensors = [_sensitive_direction(stage, whole, sensor) for sensor in scene.sensors]
     directions = [directions_of_sensors[route.number] for route in routes]
@@ -382,7 +382,7 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
 
 
 def pressing_bodies(whole: Assembly) -> set[str]:
-    """Return the bodies that press on the frame: those on springs along x, y or z, and itself where it has gears."""
+    """Return the bodies that exert forces on the frame: those on translational springs, and the frame if geared."""
     parts, index = whole.parts, whole.coordinates.index
     held = np.any([spring.direction != 0 for spring in whole.grounded], axis=0) if whole.grounded else []
     return {
@@ -399,7 +399,7 @@ def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Ar
     Returns
     -------
     names : list of str
-        As ``"input, x"``; forces that are always zero have no row.
+        Such as ``"input, x"``; forces that are always zero have no row.
     displacement, velocity : (row, dof) arrays
     """
     names, rows, parts = [], _Readings(whole, excited), whole.parts
@@ -468,7 +468,7 @@ class _Readings:
 
     @property
     def maps(self) -> tuple[Array, Array, Array]:
-        """The maps of displacement, velocity and mesh force, a row for each reading."""
+        """Maps of displacement, velocity and mesh force, with a row for each reading."""
         dofs = self._numbers.size
         widths = enumerate((dofs, dofs, len(self._names)))
         return tuple(np.reshape([row[part] for row in self._rows], (-1, width)) for part, width in widths)  # type: ignore[return-value]

@@ -28,7 +28,7 @@ _MAX_ITERATIONS = 40
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicState:
-    """A periodic motion, up to the common angle that rigid-body rotation adds in each period.
+    """Periodic motion, up to the common angle that rigid-body rotation adds in each period.
 
     Attributes
     ----------
@@ -79,15 +79,15 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
     Parameters
     ----------
     problem : Problem
-        Its duration is the period in s: a whole number of periods of every mesh. Its start, if given, is the first
-        estimate, and selects one of several periodic motions; else the static equilibrium under mean mesh stiffness
-        and drag is.
+        Problem whose duration is the period in s: an integer number of periods of every mesh. Its start, if given, is
+        the initial estimate and selects one of several periodic motions; the default is the static equilibrium under
+        mean mesh stiffness and drag.
     output : Output
-        Channels of the waveform; its rate is replaced by `samples` to the period.
+        Channels of the waveform; its rate is replaced by `samples` per period.
     samples : int
-        Samples to the period.
+        Samples per period.
     steps : Steps, optional
-        Integration steps to each sample; one if left out.
+        Integration steps per sample. Default: one.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def equilibrium(assembled: Assembled) -> Array:
         deflection = assembled.deflections[number] @ (x[:size] / assembled.scales)
         shift[number] = half_gap * np.sign(deflection)
     if np.any(shift):
-        # contact begins at half the backlash: the same forces at a larger deflection
+        # contact begins at half the backlash: equal forces at a larger deflection
         forces = assembled.deflections.T @ (assembled.means * shift)
         w = assembled.frequencies
         x[:size] += np.divide(forces, w, out=np.zeros(size), where=w > 0)

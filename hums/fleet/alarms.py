@@ -3,7 +3,7 @@
 | state | becomes | when |
 |---|---|---|
 | clear | raised | the index reached 1 in 2 of the last 3 judged records, or 2 in one |
-| raised | acknowledged | somebody acknowledges it: it is latched until then; its charts restart |
+| raised | acknowledged | an acknowledgement is read: it is latched until then; its charts restart |
 | acknowledged | clear | 10 judged records in succession lie below one half |
 | acknowledged | raised (anew) | the index exceeds twice the one of the last alarm, by that rule |
 | any | clear | maintenance resets the component |
@@ -40,8 +40,8 @@ _QUIET, _CLEAR_BELOW = 10, 0.5  # records, and their index, after which it clear
 class Alarm:
     """Alarm of a component after the latest record.
 
-    ``state`` is one of the words above; ``recent`` says of the latest judged records whether they reached the limit,
-    ``quiet`` counts those in succession that lie low, ``raised_at`` is the index when it was last raised.
+    ``state`` is one of the words above; ``recent`` states for each of the latest judged records whether it reached the
+    limit, ``quiet`` counts consecutive low records, ``raised_at`` is the index when the alarm was last raised.
     """
 
     state: str = CLEAR
@@ -50,9 +50,9 @@ class Alarm:
     raised_at: float = 1.0
 
     def step(self, index: float, *, bursts: bool = False) -> bool:
-        """Take a record of a condition index, NaN where not judged; return whether it raises the alarm.
+        """Update the alarm by the condition index of a record, NaN where not judged; return whether it is raised.
 
-        Where `bursts`, as a baseline had some, no record raises one by itself.
+        With `bursts` in the baseline, no single record raises an alarm.
         """
         if not math.isfinite(index):
             return False
@@ -76,5 +76,5 @@ class Alarm:
 
     @property
     def word(self) -> str:
-        """State of an alarm that was raised once."""
+        """State of an alarm after it has been raised."""
         return "cleared" if self.state == CLEAR else self.state

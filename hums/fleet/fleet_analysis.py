@@ -44,7 +44,7 @@ _READING_S, _READING_S_PER_BYTE = 20.0, 1e-7  # of a record by a worker: a hundr
 
 
 class FleetError(SentenceError):
-    """Raised where a run over many records cannot start.
+    """Raised if a run over many records cannot start.
 
     Examples
     --------
@@ -65,22 +65,21 @@ class Fleet:
     ----------
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
-        ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
-        normal; ``indicators.parquet``, a row for each indicator of each record, where pyarrow is installed;
-        ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
-        the machines.
+        ``alarms.csv``, one row per alarm; ``components.csv``, the condition of every component; ``baseline.h5``, the
+        baselines; ``indicators.parquet``, one row per indicator and record, if pyarrow is installed; ``fleet.html``,
+        the fleet page; ``records/``, the results of each record; and ``watch/``, the states of the machines.
     records, failed : int
-        Number of records, and of those that could not be analysed.
+        Numbers of records, and of records that could not be analysed.
     analysed, kept : int
         Number of records analysed in this run, and in earlier runs.
     errors : mapping of str to str
-        Error of each failed record, by its name.
+        Error of each failed record, by name.
     no_trends : str
-        Reason why ``trends.csv`` has no row; empty where it has rows.
+        Reason why ``trends.csv`` has no row; empty if it has rows.
     alarms : int
         Number of alarms raised, the rows of ``alarms.csv``.
     learning : tuple of str
-        Machines whose baseline is not learned yet, so that nothing of them is judged.
+        Machines whose baseline is incomplete, so that they are not judged.
 
     Examples
     --------
@@ -106,7 +105,7 @@ class Fleet:
 
 @dataclass(frozen=True, kw_only=True)
 class _Source:
-    """A record: a file, or one of a dataset in a folder, with its class; and the file that holds its samples."""
+    """A record: a file, or a row of a dataset folder with its class, and the file that holds its samples."""
 
     name: str
     path: Path
@@ -116,7 +115,7 @@ class _Source:
 
     @property
     def whole_name(self) -> str:
-        """Name that is another one for each record, whatever folder it is named from."""
+        """Name that is unique to each record, from whatever folder it is given."""
         return str(self.path) if self.number is None else f"{self.path}/{self.number}"
 
 
@@ -139,26 +138,26 @@ def analyze_fleet(
     Parameters
     ----------
     sources : sequence of path
-        Records, folders of records (searched for ``.h5``), and folders that ``hums dataset`` wrote.
+        Records, folders of records (searched for ``.h5``), and folders written by ``hums dataset``.
     gearbox : Gearbox, path or catalogue name
         The gearbox of all records.
     folder : path
-        New, or of an earlier run with the same gearbox and settings: records it already holds are not analysed again
-        unless their file has changed.
+        New folder, or that of an earlier run with the same gearbox and settings: its records are not analysed again
+        unless their files have changed.
     settings : AnalysisSettings, optional
         Defaults to ``AnalysisSettings(most_tracks=0)``: the table holds no tracks.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
-        Where the records are analysed; default `Serial`.
+        Where the records are analysed. Default: `Serial`.
     progress : bool
         Whether to draw a progress bar on standard error.
     monitoring : MonitorSettings, optional
-        What is taken as normal for a machine, and how often a false alarm may be raised.
+        Choice of baseline, and rate of false alarms.
     maintenance : path, optional
-        CSV file of components replaced and alarms acknowledged; `read_maintenance`.
+        CSV file of replaced components and acknowledged alarms; see `read_maintenance`.
     append : bool
-        Whether the records that the folder holds from earlier runs belong to the fleet, too.
+        Whether to keep the records of earlier runs in this folder in the fleet.
     force : bool
-        Whether files of the fleet's names that another program wrote are replaced.
+        Whether to overwrite files of the same names that other programs wrote.
 
     Returns
     -------
@@ -170,7 +169,7 @@ def analyze_fleet(
     FleetError
         If there are no records, a path does not exist, or the folder belongs to another gearbox or other settings.
     RecordError
-        If the folder holds a file of another program that would be replaced.
+        If, without `force`, the folder holds files of these names from other programs.
     JobError
         See `hums.jobs.run_jobs`.
 
@@ -257,7 +256,7 @@ def _tables(
     *,
     gearbox: str = "GEARBOX",
 ) -> tuple[list[MachineHistory], WrittenTables]:
-    """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
+    """Monitor the machines; write alarms, components, baselines, the tables of all records and the page."""
     records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever the files' order was
     histories = watch_machines(records, folder / "watch", settings=settings, work=work)
     write_alarms(histories, folder / "alarms.csv")
@@ -275,7 +274,7 @@ def _tables(
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:
-    """Write gearbox, settings and version into the folder; raise where it already holds other ones."""
+    """Write gearbox, settings and version into the folder; raise FleetError if it holds different ones."""
     there = own_json(path)
     differing = [name for name in task if there.get(name) != task[name]]
     if not there:
@@ -323,7 +322,7 @@ def _of_file(path: Path) -> _Source:
 
 
 def _result_name(source: _Source) -> str:
-    """Return the name of a record's result file: a hash of its path, and of its file's size and time of change."""
+    """Return the name of a record's result file: a hash of its path, and of its file's size and modification time."""
     key: list[Any] = [str(source.path), source.number]
     if source.file.exists():
         stat = source.file.stat()
@@ -336,9 +335,9 @@ def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -
 
 
 def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
-    """Write the row of a record at which its worker process died, apart from results: the next run tries it again.
+    """Write the row of a record whose worker process died, apart from the results: the next run retries it.
 
-    A process may also be killed from outside, or for memory that another one took.
+    The process may have been killed from outside, or because another exhausted the memory.
     """
     sentence = (
         f"{source.path} killed its reader: the process that analysed it died twice. The file is damaged, or needs "
@@ -359,7 +358,7 @@ def _parsed(gearbox: str, settings: str) -> tuple[Gearbox, AnalysisSettings]:
 
 
 def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:
-    """Return facts and results of one record for the table; where the analysis fails, the facts and the error."""
+    """Return facts and results of one record for the table, or the facts and the error if the analysis fails."""
     facts = {"machine": "", "recorded_at": ""}
     try:
         size = source.file.stat().st_size if source.file.exists() else 0

@@ -1,4 +1,4 @@
-"""The fleet's page: machines, the worst first, with their health over time, what drove it, and lines then and now."""
+"""Fleet page: machines, most urgent first, with condition over time, driving series, and lines then and now."""
 
 import math
 import shlex
@@ -36,14 +36,14 @@ _STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
 
 @dataclass(frozen=True, kw_only=True)
 class _Course:
-    """Records of a machine in the order of time: the result of each, and its time in days from the first."""
+    """Records of a machine in chronological order: the result of each, and its time in days from the first."""
 
     records: Sequence[StoredRecord]
     days: Array
     start_ms: float | None
 
     def packed(self, values: Array) -> dict[str, Any]:
-        """Return a course over the records for the page, with every peak and trough."""
+        """Return a curve over the records for the page, with every peak and trough."""
         known = np.flatnonzero(np.isfinite(values))
         shown, at = least_and_largest(values[known], columns=_COLUMNS)
         return {"x": packed(self.days[known][at]), "y": packed(shown)}
@@ -52,18 +52,18 @@ class _Course:
 def write_page(
     histories: Sequence[MachineHistory], records: Sequence[StoredRecord], path: Path, *, gearbox: str = "GEARBOX"
 ) -> None:
-    """Write ``fleet.html``: one page that needs no other file, the most urgent machine first.
+    """Write ``fleet.html``: a self-contained page, the most urgent machine first.
 
     Parameters
     ----------
     histories : sequence of MachineHistory
-        The machines as they were followed.
+        Histories of the monitored machines.
     records : sequence of StoredRecord
         Results of all records.
     path : Path
-        The page. A report of a record is linked where it stands beside it: ``reports/MACHINE RECORD/report.html``.
+        Path of the page. Reports of records next to it are linked: ``reports/MACHINE RECORD/report.html``.
     gearbox : str
-        Path or name of the gearbox, for the command that makes such a report.
+        Path or name of the gearbox, for the command that writes such a report.
     """
     found = {one.record: one for one in records}
     ranked = sorted(histories, key=_rank)
@@ -95,7 +95,7 @@ def _rank(history: MachineHistory) -> tuple[bool, float, str]:
 
 
 def _worst(history: MachineHistory) -> tuple[str, float]:
-    """Return the component to look at, and its condition index: one with a standing alarm first; "" if none."""
+    """Return the most urgent component, one with a standing alarm first, and its condition index; "" if none."""
     if history.last is None:
         return "", -math.inf
 
@@ -118,7 +118,7 @@ def _state(history: MachineHistory) -> str:
 def _machine(
     history: MachineHistory, found: dict[str, StoredRecord], number: int, folder: Path, gearbox: str
 ) -> dict[str, Any]:
-    """Return what the page's template needs of a machine."""
+    """Return the variables of the page's template for a machine."""
     state, (component, index) = history.state, _worst(history)
     last = history.records[-1]["record"] if history.records else ""
     standing = [alarm for alarm in history.alarms if alarm["state"] == "raised"]
@@ -150,7 +150,7 @@ def _machine(
 
 
 def _small_course(history: MachineHistory) -> str:
-    """Return the largest condition index of each record as a small line; x / (1 + x) puts the limit in the middle."""
+    """Return the largest condition index of each record as a sparkline; x / (1 + x) puts the limit in the middle."""
     largest = np.array([max(filter(math.isfinite, one["index"].values()), default=math.nan) for one in history.records])
     known = np.flatnonzero(np.isfinite(largest))
     if not known.size:
@@ -167,7 +167,7 @@ def _small_course(history: MachineHistory) -> str:
 
 
 def _short(moment: str) -> str:
-    """Return an ISO 8601 time without what is zero: midnight, and seconds; UTC where it has no offset."""
+    """Return an ISO 8601 time without zero seconds, or midnight; UTC if it has no offset."""
     plain = moment.removesuffix("Z").removesuffix("+00:00").removesuffix("T00:00:00")
     return plain.removesuffix(":00").replace("T", " ") if "T" in plain else plain
 
@@ -177,7 +177,7 @@ def _squared(unit: str) -> str:
 
 
 def _command(record: str, gearbox: str, folder: Path) -> str:
-    """Return the command that makes the report of a record in a file of its own."""
+    """Return the command that writes the report of a record."""
     if not record.endswith((".h5", ".hdf5")):
         return ""
     return shlex.join(["hums", "analyze", record, "--gearbox", gearbox, "-o", str(folder)])
@@ -212,7 +212,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
 
 
 def _figures(history: MachineHistory, found: dict[str, StoredRecord], component: str, name: str) -> Iterator[str]:
-    """Yield the figures of a machine: its health, the series that drove it, lines of two records."""
+    """Yield the figures of a machine: condition, driving series, and lines of two records."""
     kept = [found[one["record"]] for one in history.records]
     if not component or not kept:
         return
@@ -271,7 +271,7 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
 
 
 def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], component: str, name: str) -> Figure:
-    """Return the series that departed most, each in its unit over time."""
+    """Return the series with the largest deviations, each in its unit against time."""
     if epoch.normal is None:
         raise ValueError("a baseline that is not learned has no normal values; omit the figure.")
     center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
@@ -292,7 +292,7 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
 
 
 def _stems(judged: Sequence[StoredRecord], channel: str, spectrum: str, name: str) -> Figure | None:
-    """Return the lines of a channel in its first judged and its last record over each other, None without lines."""
+    """Return the overlaid lines of a channel in its first judged and its last record, None without lines."""
     pairs, unit = [], ""
     for one in (judged[0], judged[-1]):
         named = [dict(zip(LINE, key, strict=True)) for key in one.lines.keys]

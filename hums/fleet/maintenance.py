@@ -1,4 +1,4 @@
-"""The file of what was done to machines: a component replaced, or its alarm acknowledged."""
+"""Maintenance file: replaced components and acknowledged alarms."""
 
 import csv
 import math
@@ -13,7 +13,7 @@ REPLACED, ACKNOWLEDGED = "replaced", "acknowledged"
 
 
 class MaintenanceError(SentenceError):
-    """Raised where a maintenance file cannot be read.
+    """Raised if a maintenance file cannot be read.
 
     Examples
     --------
@@ -28,7 +28,7 @@ class MaintenanceError(SentenceError):
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """One line of a maintenance file; an empty machine or component means every one.
+    """One line of a maintenance file; an empty machine or component means all.
 
     Examples
     --------
@@ -46,18 +46,18 @@ class Work:
 
 @checked
 def read_maintenance(path: str | Path) -> tuple[Work, ...]:
-    r"""Return the work in a CSV file with the columns date and component, and machine, serial and action if they are.
+    r"""Return the entries of a CSV file with columns date and component, and optionally machine, serial and action.
 
     Parameters
     ----------
     path : str or Path
         ``date`` is in ISO 8601; ``component`` as in ``alarms.csv``, empty for all of a machine; ``action`` is
-        ``replaced`` (the default: what is normal is learned anew) or ``acknowledged``.
+        ``replaced`` (default: a new baseline is learned) or ``acknowledged``.
 
     Raises
     ------
     MaintenanceError
-        If a column is missing, a date is none, or an action is unknown.
+        If a column is missing, a date invalid, or an action unknown.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def read_maintenance(path: str | Path) -> tuple[Work, ...]:
             action=(row.get("action") or REPLACED).strip(),
         )
         if math.isnan(seconds_since_1970(work.date)):
-            raise MaintenanceError(f"{path}, line {number}: date {work.date!r} is no ISO 8601 time; write 2026-03-01.")
+            raise MaintenanceError(f"{path}, line {number}: date {work.date!r} is not an ISO 8601 time, as 2026-03-01.")
         if work.action not in (REPLACED, ACKNOWLEDGED):
             raise MaintenanceError(
                 f"{path}, line {number}: action {work.action!r} is unknown; write {REPLACED} or {ACKNOWLEDGED}."

@@ -1,8 +1,8 @@
-"""A machine watched record by record: its baselines, charts and alarms, as a state of constant size.
+"""Monitoring of a machine record by record: baselines, charts and alarms, as a state of constant size.
 
-A state begins by collecting the records of a baseline. Then the baseline is frozen and every further record is held
-against it. Where a component is replaced, another epoch begins for it: the records after that are collected anew, and
-what is normal for it is learned from them, while the others keep theirs.
+The first records are collected for a baseline. Then the baseline is frozen, and every further record is compared with
+it. Replacing a component begins a new epoch for it: a baseline is learned from the following records, while the other
+components keep theirs.
 """
 
 import hashlib
@@ -40,17 +40,17 @@ from signals.monitoring.memory import independent_records
 Array = NDArray[np.float64]
 RISES, FALLS = "level rises", "level falls suddenly"
 MOST_LEVERAGE = 1.0
-"""Variance of what is foretold over that of the series, above which a record is not judged: the regression would add as
-much scatter as a record has of itself (our choice)."""
+"""Variance of the prediction over that of the series above which a record is not judged: the regression would add as
+much scatter as the record itself has (our choice)."""
 _DRIVERS = 3  # indicators an alarm names
 
 
 @dataclass(kw_only=True)
 class Epoch:
-    """A baseline and the charts held against it; until it is learned, the records collected for it.
+    """A baseline with its charts or, until it is learned, the records collected for it.
 
-    ``names`` has the component of each score, those of one component after each other, the first of all its series.
-    ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose;
+    ``names`` has the component of each score; those of one component are adjacent, the first of them of all its series.
+    ``counted``: the baseline is learned from the next records, as after a replacement, whatever the settings choose;
     ``diagnosed`` names the components that a verdict on one of its records diagnosed.
     """
 
@@ -74,11 +74,11 @@ class Epoch:
 
     @property
     def scores(self) -> tuple[tuple[str, str], ...]:
-        """Component, and what is watched of a sensor, for each score."""
+        """Component, or monitored quantity of a sensor, for each score."""
         return _scores(self.names, self.channels)
 
     def learn(self, machine: str, settings: MonitorSettings) -> None:
-        """Learn what is normal from the collected records, and forget them."""
+        """Learn the baseline from the collected records, and discard them."""
         seen = self.pending
         every = tuple(sorted(set().union(*(one.values for one in seen))))
         values = np.array([vector(one.values, every) for one in seen])
@@ -110,7 +110,7 @@ class Epoch:
         self.identity, self.pending = _identity(machine, self), []
 
     def outside(self, seen: Observation) -> str:
-        """Return which covariate of a record lies outside what was learned, or an empty string."""
+        """Return the covariate of a record outside the range of the baseline, or an empty string."""
         for name, low, high in zip(self.covariates, self.low, self.high, strict=True):
             value = seen.covariates.get(name, math.nan)
             if not low <= value <= high:
@@ -121,9 +121,9 @@ class Epoch:
         return ""
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
-        """Return a record held against the baseline, and the condition index of every score."""
+        """Return a record compared with the baseline, and the condition index of every score."""
         if self.normal is None or self.limits is None or self.charts is None:
-            raise MonitorError("this baseline is not learned yet; watch more records first.")
+            raise MonitorError("this baseline is incomplete; monitor more records first.")
         at = np.array([seen.covariates[name] for name in self.covariates])
         reading = self.normal.read(vector(seen.values, self.series), _logarithms(at), self.recent)
         self.recent = reading.recent
@@ -134,34 +134,35 @@ class Epoch:
 
 @dataclass(kw_only=True)
 class MachineState:
-    """All that is kept of a machine between two records.
+    """State of a machine between two records.
 
     Attributes
     ----------
     machine : str
         Its name.
     settings : MonitorSettings
-        How it is watched.
+        Settings of its monitoring.
     strata : dict of str to dict of int to Epoch
-        Baselines of each regime, 0 the first; one more for each replacement.
+        Epochs of each regime, 0 the first; one more for each replacement.
     regime : str
-        Regime of the latest record that was judged; until then, of the first.
+        Regime of the latest judged record or, before that, of the first record.
     governed_by : dict of str to int
-        Epoch of each component that is not of the newest of the whole machine, 0.
+        Epoch of each component that is not governed by that of the whole machine.
     alarms : dict of str to Alarm
         Of each component.
     since : dict of str to str
-        When the CUSUM of each component last left zero.
+        Time at which the CUSUM of each component last left zero.
     open : dict of str to dict
-        The latest alarm of each component, a row of ``alarms.csv``.
+        Latest alarm of each component, a row of ``alarms.csv``.
     judged, refused : int
-        Records judged, and refused because they lie outside what was learned or a tachometer or the analysis failed.
+        Numbers of records judged, and refused: outside the range of the baseline, with a faulty tachometer, or not
+        analysed.
     unwatched_since : str
-        Time of the first of the latest records in succession that were refused; empty where the latest was judged.
+        Time of the first of the latest consecutive refused records; empty if the latest was judged.
     first_seconds, last_seconds : float
-        Times of the first and of the latest record: maintenance between that and the next is done first.
+        Times of the first and the latest record; maintenance between the latest and the next is applied first.
     learned, latest : list of str, str
-        Digests of the records collected for baselines, and of the latest one: none of them is taken again.
+        Digests of the records collected for baselines, and of the latest one, none of which is accepted again.
     """
 
     machine: str
@@ -182,7 +183,7 @@ class MachineState:
 
     @property
     def epochs(self) -> dict[int, Epoch]:
-        """Baselines of the regime of the latest record that was judged."""
+        """Epochs of the regime of the latest judged record."""
         return self.strata.get(self.regime) or {0: Epoch()}
 
     @property
@@ -191,18 +192,18 @@ class MachineState:
         return [epoch for stratum in self.strata.values() for epoch in stratum.values()]
 
     def epoch_of(self, component: str) -> int:
-        """Return the epoch that governs a component; of several that are watched as one, the newest of theirs."""
+        """Return the epoch that governs a component; of several monitored as one, their newest."""
         if not self.governed_by:
             return 0
         return max(self.governed_by.get(part, 0) for part in component_parts(component))
 
     def cause_of(self, name: str) -> str:
-        """Return the component with the standing alarm that a component's rise follows from, or an empty string."""
+        """Return the component whose standing alarm explains a component's rise, or an empty string."""
         rows = {cause: row for cause, row in self.open.items() if row["state"] != "cleared"}
         return next((cause for cause, row in rows.items() if name in row["consequences"].split("; ")), "")
 
     def check(self, machine: str) -> None:
-        """Raise MonitorError where a record is of another machine."""
+        """Raise MonitorError if a record is of another machine."""
         if machine != self.machine:
             raise MonitorError(
                 f"the record is of machine {machine!r} and the state of {self.machine!r}; keep a state for each."
@@ -211,24 +212,24 @@ class MachineState:
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What one record brought.
+    """Result for one record.
 
     Attributes
     ----------
     judged : bool
-        Whether it was held against a baseline.
+        Whether it was compared with a baseline.
     why : str
-        Why not: ``learning``, or the reason it was refused.
+        If not, why: ``learning``, or the reason for refusing it.
     index : mapping of str to float
         Condition index of each component: 0 normal, 1 alarm; NaN where its sensors are faulty.
     scores : mapping of str to float
         Score of each component in standard deviations.
     growth : mapping of str to (str, str, float)
-        Channel, indicator and departure in deviations of what drives each component.
+        Channel, indicator and deviation, in standard deviations, of the series that drives each component.
     ratio : mapping of str to float
-        That indicator over what is normal at this speed and load.
+        Ratio of that indicator to its normal value at this speed and load.
     alarms : tuple of dict
-        Alarms raised now, rows of ``alarms.csv``.
+        Alarms raised by this record, rows of ``alarms.csv``.
 
     Examples
     --------
@@ -249,16 +250,16 @@ class Judgement:
 
 
 def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ()) -> Judgement:
-    """Take one more record of a machine into its state, and return what it brought.
+    """Update the state of a machine by one more record, and return its judgement.
 
     Parameters
     ----------
     state : MachineState
         Changed in place.
     seen : Observation
-        The record; records come in the order of time.
+        The record; records come in chronological order.
     work : sequence of Work
-        All maintenance; what lies between the latest record and this one is done first.
+        All maintenance; entries between the latest record and this one are applied first.
     """
     if nothing_new := _nothing_new(state, seen):
         return Judgement(judged=False, why=nothing_new)
@@ -287,7 +288,7 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
 
 
 def _nothing_new(state: MachineState, seen: Observation) -> str:
-    """Return why a record was watched before or comes too late, or an empty string; keep its digest."""
+    """Return why a record is a repetition or comes too late, or an empty string; keep its digest."""
     if seconds_since_1970(seen.recorded_at) < state.last_seconds:
         return f"recorded at {seen.recorded_at}, before the latest record; watch records in the order of time"
     if not seen.values:
@@ -304,7 +305,7 @@ def _nothing_new(state: MachineState, seen: Observation) -> str:
 
 
 def _stratum(state: MachineState, seen: Observation) -> dict[int, Epoch]:
-    """Return the baselines of a record's regime; none where it is first seen after that of another was learned."""
+    """Return the epochs of a record's regime; none if it first occurs after the baseline of another was learned."""
     if seen.regime in state.strata:
         return state.strata[seen.regime]
     chosen = state.settings.by_choice and state.settings.chosen(seen)
@@ -317,7 +318,7 @@ def _stratum(state: MachineState, seen: Observation) -> dict[int, Epoch]:
 
 
 def _learns(state: MachineState, epoch: Epoch, seen: Observation) -> bool:
-    """Return whether a record is of an epoch's baseline, or comes before it is learned; learn what is whole."""
+    """Return whether a record belongs to a baseline or precedes it; learn a baseline that is complete."""
     settings, counted = state.settings, epoch.counted or not state.settings.by_choice
     if epoch.normal is not None:
         return False
@@ -339,7 +340,7 @@ def _refused(state: MachineState, seen: Observation, why: str, alarms: list[dict
 
 
 class _Rise(NamedTuple):
-    """A component that reaches its limit: whether a verdict or its kind names it, its alarm before, and its row."""
+    """A component that reaches its limit: whether a verdict or its kind names it, its earlier alarm, and its row."""
 
     name: str
     named: bool
@@ -353,7 +354,7 @@ def _judged(
     readings: dict[int, tuple[Reading, Array]],
     alarms: list[dict[str, Any]],
 ) -> Judgement:
-    """Take the condition index of every component from the epoch that governs it, and step its alarm."""
+    """Return the condition index of every component by the epoch that governs it, and update its alarm."""
     index, scores, growth, ratio = {}, {}, {}, {}
     rises = list[_Rise]()
     for number, (reading, indices) in readings.items():
@@ -362,7 +363,7 @@ def _judged(
         charts = indices.copy()
         governed = [one for one in _nearest(epoch, indices) if state.epoch_of(one[2]) == number]
         for place, _, component, what, _ in governed:
-            if component in seen.diagnosed and not what:  # at the limit by the verdict alone
+            if component in seen.diagnosed and not what:  # at the limit because of the verdict alone
                 indices[place] = np.fmax(indices[place], 1.0)
         most = _largest_departures(epoch, reading)
         for place, whole, component, what, name in governed:
@@ -387,11 +388,11 @@ def _judged(
 
 
 def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return the rows of rises that are alarms of their own; what follows from a standing one is listed in its row.
+    """Return the rows of rises that are separate alarms; those that follow from a standing alarm are listed in its row.
 
-    Impacts of a part sound in the envelopes of others, turn with its shaft and raise the record's crest factor. So a
-    rise follows from the largest standing alarm of a part, unless a verdict names it or it is
-    twice as large.
+    Impacts of one component appear in the envelopes of others, modulate with its shaft and raise the record's crest
+    factor. A rise is therefore attributed to the largest standing alarm of a component, unless a verdict names it or it
+    is twice as large.
     """
     alarms = []
     for rise in sorted(rises, key=lambda one: (not one.named, -index[one.name])):
@@ -413,9 +414,9 @@ def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, flo
 
 
 def _nearest(epoch: Epoch, indices: Array) -> Iterator[tuple[int, int, str, str, str]]:
-    """Yield of each component the place of its score that is nearest to its limit, that of all its series, and names.
+    """Yield for each component the index of its score closest to its limit, that of all its series, and names.
 
-    Names are those of the component, of what is watched of it, and of both.
+    Names are those of the component, of its monitored quantity, and of both.
     """
     ranked = np.where(np.isfinite(indices), indices, -np.inf)
     for places, component, what, name in _named_scores(epoch.scores):
@@ -430,7 +431,7 @@ def _scores(names: tuple[str, ...], channels: tuple[str, ...]) -> tuple[tuple[st
 
 @lru_cache(maxsize=1024)
 def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[tuple[int, ...], str, str, str], ...]:
-    """Return for each component the places of its scores, its name, what is watched of it, and the name of both."""
+    """Return for each component the indices of its scores, its name, its monitored quantity, and the name of both."""
     places: dict[tuple[str, str], list[int]] = {}
     for place, one in enumerate(scores):
         places.setdefault(one, []).append(place)
@@ -441,7 +442,7 @@ def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[tuple[int,
 
 
 def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[tuple[str, str, float], float]]:
-    """Return channel, indicator, departure and ratio to normal of the series that departs most, for each score."""
+    """Return channel, indicator, deviation and ratio to normal of the series that deviates most, for each score."""
     if epoch.normal is None:
         return []
     table = epoch.normal.layout.of_components.series
@@ -457,7 +458,7 @@ def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[tuple[str,
 
 
 def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
-    """Return channel, indicator and departure of the series that depart most, for an alarm of a score."""
+    """Return channel, indicator and deviation of the series that deviate most, for an alarm of a score."""
     if place >= len(epoch.names):
         return [_of_level(epoch, reading, place)]
     if epoch.normal is None:
@@ -472,19 +473,19 @@ def _comparable(departures: Array) -> Array:
 
 
 def _of_level(epoch: Epoch, reading: Reading, place: int) -> tuple[str, str, float]:
-    """Return channel, what is watched and the level, for the score of a channel's level."""
+    """Return channel, monitored quantity and level, for the score of a channel's level."""
     channel = (place - len(epoch.names)) % len(epoch.channels)
     return epoch.channels[channel], epoch.scores[place][1], float(reading.level[channel])
 
 
 @lru_cache(maxsize=100_000)
 def _words(key: Series) -> tuple[str, str]:
-    """Return channel and indicator of a series, with the kind of damage it is of."""
+    """Return channel and indicator of a series, with its kind of damage."""
     return key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
 
 
 def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:
-    """Return the series of a component that depart most in a record, the largest departure first."""
+    """Return the series of a component that deviate most in a record, the largest deviation first."""
     if epoch.normal is None:
         return ()
     at = np.array([seen.covariates[name] for name in epoch.covariates])
@@ -504,7 +505,7 @@ def _alarm(
     severity: str,
     baseline: str = "",
 ) -> dict[str, Any]:
-    """Return an alarm that is raised now; `drivers` are channels and indicators, what departs most first."""
+    """Return a new alarm; `drivers` are channels and indicators, the largest deviation first."""
     return {
         "machine": state.machine,
         "component": name.partition(": ")[0],
@@ -524,7 +525,7 @@ def _alarm(
 
 
 def _verdict_words(epoch: Epoch, component: str) -> str:
-    """Return what an alarm by a verdict names first: a part that was damaged in its baseline has wide limits."""
+    """Return the first driver of an alarm by a verdict: a component damaged in its baseline has wide limits."""
     return "diagnosed, as in its baseline" if component in epoch.diagnosed else "diagnosed"
 
 
@@ -534,9 +535,9 @@ def _unjudged_verdicts(
     seen: Observation,
     readings: Mapping[int, tuple[Reading, Array]],
 ) -> list[dict[str, Any]]:
-    """Return alarms of components that a record diagnoses and no baseline judges: none is learned, or it is refused.
+    """Return alarms of components that a record diagnoses but no baseline judges: none is learned, or it is refused.
 
-    While a baseline is learned, a record that diagnoses nothing counts, too, by the same rule of m of n.
+    While a baseline is learned, a record without a diagnosis counts too, by the same rule of m of n.
     """
     alarms: list[dict[str, Any]] = []
     for component in sorted({*seen.diagnosed, *(name for name in state.alarms if ": " not in name)}):
@@ -554,7 +555,7 @@ def _unjudged_verdicts(
 def _stepped(
     state: MachineState, seen: Observation, name: str, shown: bool, driver: tuple[str, str], **more: str
 ) -> list[dict[str, Any]]:
-    """Step an alarm whose index is 1 in records that show it and else 0; return its row if it is raised."""
+    """Update an alarm whose index is 1 in records that show it, else 0; return its row if it is raised."""
     if state.alarms.setdefault(name, Alarm()).step(float(shown)):
         state.open[name] = _alarm(state, seen, name, [driver], value=1.0, **more)
         return [state.open[name]]
@@ -564,7 +565,7 @@ def _stepped(
 
 
 def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
-    """Return the alarms of sensors that are faulty, by the same rule: an index of 1 while they are."""
+    """Return the alarms of faulty sensors, by the same rule, with an index of 1 while they are faulty."""
     alarms: list[dict[str, Any]] = []
     if seen.unjudged == "not analysed":
         return alarms
@@ -581,7 +582,7 @@ def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any
 
 
 def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
-    """Do the maintenance between the latest record and this one."""
+    """Apply the maintenance between the latest record and this one."""
     now = seconds_since_1970(seen.recorded_at)
     if math.isnan(now):
         return
@@ -607,7 +608,7 @@ def _acknowledge(state: MachineState, component: str) -> None:
 
 
 def _restart_charts(state: MachineState, name: str) -> None:
-    """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
+    """Restart the charts of an acknowledged alarm, so that only later records decide whether it clears."""
     component, _, what = name.partition(": ")
     for epoch in (stratum[state.epoch_of(component)] for stratum in state.strata.values()):
         if epoch.charts is None or epoch.limits is None:
@@ -617,7 +618,7 @@ def _restart_charts(state: MachineState, name: str) -> None:
 
 
 def _replace(state: MachineState, component: str) -> None:
-    """Begin another epoch for a component, or for the whole machine; its alarms are cleared."""
+    """Begin a new epoch for a component, or for the whole machine, and clear its alarms."""
     fresh = max((0, *state.governed_by.values())) + 1 if component else 0
     state.governed_by = state.governed_by | {component: fresh} if component else {}
     used = {0, *state.governed_by.values()}
@@ -636,12 +637,12 @@ def _replace(state: MachineState, component: str) -> None:
 
 
 def _logarithms(covariates: Array) -> Array:
-    """Return the logarithms of covariates that are above zero, and the others as they are."""
+    """Return the logarithms of positive covariates, and the others unchanged."""
     return np.where(covariates > 0, np.log(np.where(covariates > 0, covariates, 1.0)), covariates)
 
 
 def _identity(machine: str, epoch: Epoch) -> str:
-    """Return twelve digits that follow from a baseline's machine, records, series and numbers."""
+    """Return twelve digits of a hash of a baseline's machine, records, series and numbers."""
     if epoch.normal is None:
         return ""
     text = json.dumps([machine, epoch.records, [asdict(key) for key in epoch.series]], sort_keys=True)

@@ -1,4 +1,4 @@
-"""How machines are watched: their baseline, and the rate of false alarms."""
+"""Settings of monitoring: baseline, and rate of false alarms."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from signals._validation import SentenceError
 
 
 class MonitorError(SentenceError):
-    """Raised where a baseline cannot be learned as asked, or a state is not one.
+    """Raised if a baseline cannot be learned as specified, or a state is invalid.
 
     Examples
     --------
@@ -17,22 +17,22 @@ class MonitorError(SentenceError):
     ...     hums.MonitorSettings(baseline_records=1)
     ... except hums.MonitorError as error:
     ...     print(error)
-    baseline_records = 1: a spread needs 2 records or more.
+    baseline_records = 1: a deviation needs at least 2 records.
     """
 
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorSettings:
-    """How machines are watched.
+    """Settings of monitoring.
 
     Attributes
     ----------
     baseline_records : int
-        Number of judged records that a baseline is learned on, 2 or more.
+        Number of judged records of which a baseline is learned, at least 2.
     baseline_from, baseline_until : str
-        Or the span of time whose records are learned on, ISO 8601; empty: open.
+        Or the period whose records form the baseline, ISO 8601; an empty end is open.
     healthy : tuple of str
-        Or the names of the records that are declared healthy.
+        Or the names of records that are declared healthy.
     false_alarm_every : float
         Mean number of records of a machine from a state without alarms to the first false alarm of any of its
         components and sensors.
@@ -52,17 +52,17 @@ class MonitorSettings:
 
     def __post_init__(self) -> None:
         if self.baseline_records < 2:  # noqa: PLR2004
-            raise MonitorError(f"baseline_records = {self.baseline_records}: a spread needs 2 records or more.")
+            raise MonitorError(f"baseline_records = {self.baseline_records}: a deviation needs at least 2 records.")
         if not self.false_alarm_every >= 10:  # noqa: PLR2004
-            raise MonitorError(f"false_alarm_every = {self.false_alarm_every:g}: give 10 records or more.")
+            raise MonitorError(f"false_alarm_every = {self.false_alarm_every:g}: give at least 10 records.")
         for name in ("baseline_from", "baseline_until"):
             when = getattr(self, name)
             if when and math.isnan(seconds_since_1970(when)):
-                raise MonitorError(f"{name} = {when!r} is no ISO 8601 time; write 2026-03-01.")
+                raise MonitorError(f"{name} = {when!r} is not an ISO 8601 time, as 2026-03-01.")
 
     @property
     def by_choice(self) -> bool:
-        """Whether the records of the baseline are chosen by time or by name, not counted."""
+        """Whether the records of the baseline are chosen by time or name, not by number."""
         return bool(self.baseline_from or self.baseline_until or self.healthy)
 
     def chosen(self, seen: Observation) -> bool:

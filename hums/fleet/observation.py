@@ -1,4 +1,4 @@
-"""What a record says about its machine for monitoring: when, at what speed, which sensors are sound, and its series."""
+"""Observation of a machine for monitoring: time, speed, condition of the sensors, and series of one record."""
 
 import math
 import re
@@ -17,19 +17,19 @@ class Observation:
     Attributes
     ----------
     machine, record, recorded_at : str
-        Names and time as the record states them; the time empty where it states none, or no date.
+        Names and time as stated by the record; the time is empty without a date.
     regime : str
-        Its operating regime; empty where it states none.
+        Operating regime; empty if not stated.
     values : mapping of Series to float
-        Logarithms of its indicators and lines, none of a faulty sensor.
+        Logarithms of indicators and lines, without those of faulty sensors.
     covariates : mapping of str to float
-        What it was recorded at: speed in rev/s, and torque, temperature and others that were measured with it.
+        Operating conditions: speed in rev/s, and any measured torque, temperature and other quantities.
     faulty : mapping of str to str
-        Reason for every faulty sensor or tachometer.
+        Reason for each faulty sensor or tachometer.
     unjudged : str
-        Why nothing of this record is judged, or empty.
+        Reason why the record is not judged, or empty.
     diagnosed : tuple of str
-        Components with damage that the record's own verdicts diagnose.
+        Components that the record's own verdicts diagnose as damaged.
     """
 
     machine: str
@@ -65,7 +65,7 @@ def observation(row: Mapping[str, Any]) -> Observation:
 
 
 def seconds_since_1970(when: str) -> float:
-    """Return the seconds since 1970 of an ISO 8601 time, in UTC where it has no offset; NaN of what is none."""
+    """Return the seconds since 1970 of an ISO 8601 time, in UTC if it has no offset; NaN if invalid."""
     try:
         moment = datetime.fromisoformat(when)
     except ValueError:
@@ -74,12 +74,12 @@ def seconds_since_1970(when: str) -> float:
 
 
 def days_since_1970(when: str) -> float:
-    """Return the days since 1970 of an ISO 8601 time; NaN of what is none."""
+    """Return the days since 1970 of an ISO 8601 time; NaN if invalid."""
     return seconds_since_1970(when) / 86400
 
 
 def order_key(recorded_at: str, record: str) -> tuple[Any, ...]:
-    """Return a key that sorts records by their time, then by their name with its numbers as numbers."""
+    """Return a key that sorts records by time, then by name with numbers compared as numbers."""
     seconds = seconds_since_1970(recorded_at)
     parts = re.split(r"(\d+)", record)
     natural = tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)

@@ -1,4 +1,4 @@
-"""Indicators of all records as a tidy Parquet file: the one door to pyarrow, which is an optional part."""
+"""Indicators of all records as a tidy Parquet file; the only module that imports pyarrow, which is optional."""
 
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -17,20 +17,20 @@ _RECORDS = 1_000  # of a group: some 10 MB of memory while it is written
 
 
 def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
-    """Write ``indicators.parquet``: a row for each record, channel, component and indicator.
+    """Write ``indicators.parquet``: one row per record, channel, component and indicator.
 
     Parameters
     ----------
     records : sequence of StoredRecord
         All records.
     path : Path
-        Columns ``record, machine, recorded_at, channel, component, kind, indicator, units, value``; names are stored
-        once and referred to by number. A file that an earlier run left is removed where it cannot be written anew.
+        Columns ``record, machine, recorded_at, channel, component, kind, indicator, units, value``; names are stored as
+        dictionaries. A file of an earlier run is removed if it cannot be rewritten.
 
     Returns
     -------
     str
-        Why there is no file; empty where it is written.
+        Reason why there is no file; empty if it was written.
     """
     if find_spec("pyarrow") is None:
         path.unlink(missing_ok=True)
@@ -65,7 +65,7 @@ def _rows(pa: Any, schema: Any, records: Sequence[StoredRecord]) -> Any:  # noqa
 
 
 def _named(pa: Any, names: Sequence[str], at: np.ndarray[Any, Any]) -> Any:  # noqa: ANN401
-    """Return a column of names by number."""
+    """Return a dictionary-encoded column of names."""
     distinct, places = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
     numbers = pa.array(places[at].astype(np.int32)) if len(names) else pa.array([], pa.int32())
     return pa.DictionaryArray.from_arrays(numbers, pa.array(distinct.tolist(), pa.string()))

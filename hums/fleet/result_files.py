@@ -1,4 +1,4 @@
-"""Files of the results of records; many are read once: numbers in arrays, the names that records share held once."""
+"""Result files of records, read with numbers as arrays and names that records share held once."""
 
 import base64
 import gzip
@@ -22,12 +22,12 @@ _NUMBERS = ("lines", "indicators")  # of a row
 
 @dataclass(frozen=True, kw_only=True)
 class StoredRecord:
-    """One record: its facts, and what it has of lines, indicators and findings.
+    """One record: its facts, lines, indicators and findings.
 
-    ``lines`` has amplitude, what it is over its background, and 1 where it is claimed; ``orders`` are those of the
-    first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict;
-    ``not_judged`` component and kind of what could not be judged, ``parts_not_judged`` how many and why; ``label`` is
-    the class of a record of a dataset.
+    ``lines`` has amplitude, ratio to the background, and 1 if identified; ``orders`` are those of the first record with
+    such lines; ``indicators`` has their values; ``findings`` component, kind and verdict; ``not_judged`` component and
+    kind of each check not made, ``parts_not_judged`` their number and reasons; ``label`` is the class of a record of a
+    dataset.
     """
 
     record: str
@@ -47,7 +47,7 @@ class StoredRecord:
 
     @property
     def observation(self) -> Observation:
-        """What the record says about its machine."""
+        """Observation of the machine in this record."""
         return with_changes(self.seen, values=SeriesValues(self.watched.keys, self.watched.values))
 
 
@@ -60,7 +60,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
 def packed_row(row: Mapping[str, Any]) -> bytes:
     """Return the results of one record as a file: JSON, with numbers as the base64 text of little-endian doubles.
 
-    The names of the numbers are one text, which is the same for most records and is parsed once for all of them.
+    The names of the numbers are one text, the same for most records, which is parsed once.
     """
     packed = {}
     for name in (one for one in _NUMBERS if one in row):
@@ -85,9 +85,9 @@ def _keys(names: str) -> tuple[Any, ...]:
 
 
 def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
-    """Return the results of all records, in their order; each file is read once.
+    """Return the results of all records, in order; each file is read once.
 
-    Memory holds 8 bytes for each number that is watched and 4 for the others, and every set of names once.
+    Memory holds 8 bytes per monitored number and 4 per other number, and each set of names once.
     """
     shared: dict[Any, Any] = {}
     return [_stored(path, shared) for path in paths]
@@ -113,13 +113,13 @@ def _stored(path: Path, shared: dict[Any, Any]) -> StoredRecord:
 
 
 def _watched(values: Mapping[Series, float]) -> Numbers:
-    """Return the values of the series; those of one record's results share their keys with others already."""
+    """Return the values of the series; results of records share their keys."""
     if isinstance(values, SeriesValues):
         return Numbers(keys=values.series, values=values.numbers)
     return Numbers(keys=tuple(values), values=np.array(list(values.values()), dtype=np.float64))
 
 
 def _shared_pairs(rows: Iterable[Iterable[str]], shared: dict[Any, Any]) -> tuple[tuple[str, str], ...]:
-    """Return component and kind of each row; records with the same ones share them."""
+    """Return component and kind of each row, shared by records with the same rows."""
     pairs = tuple((component, kind) for component, kind in rows)
     return shared.setdefault(("pairs", pairs), pairs)  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""Results of one record: what `hums.fleet` keeps of an analysis."""
+"""Results of one record: the part of an analysis that `hums.fleet` stores."""
 
 import json
 import math
@@ -19,10 +19,10 @@ _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
 
 
 def results(analysis: Analysis) -> dict[str, Any]:
-    """Return speed, what else was measured, findings, unjudged parts and sensors as JSON types, and the numbers.
+    """Return speed, measured quantities, findings, unjudged components and sensors as JSON types, and the numbers.
 
-    ``lines`` are `Numbers` under `LINE`: order, amplitude, what it is over its background, and 1 where it is claimed;
-    ``indicators`` those under `INDICATOR`: the value.
+    ``lines`` are `Numbers` under `LINE`: order, amplitude, ratio to the background, and 1 if identified; ``indicators``
+    those under `INDICATOR`: the value.
     """
     speed = group(analysis, "speed").variables["speed_hz"].to_numpy()
     findings, others = (list(_rows(analysis, name, ["verdict", "doubts", *_PART])) for name in ("findings", "verdicts"))
@@ -52,7 +52,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
 
 
 def _rows(analysis: Analysis, name: str, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a group; a table of pandas takes as long as a third of the analysis of a short record."""
+    """Yield the rows of a group; a pandas table would take a third of the time of analysing a short record."""
     if name not in analysis.children:
         return
     dataset = analysis.children[name].dataset

@@ -1,4 +1,4 @@
-"""The state of a watched machine as JSON: what is read is bit for bit what was written."""
+"""State of a monitored machine as JSON, read bit for bit as written."""
 
 import gzip
 import json
@@ -42,7 +42,7 @@ _KINDS = {
 
 
 def write_state(state: MachineState, path: Path) -> None:
-    """Write a state to a file, whole or not at all."""
+    """Write a state to a file atomically."""
     text = json.dumps({"schema": SCHEMA, "state": _encoded(state)})
     with atomic_write(path) as part:
         part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
@@ -54,23 +54,23 @@ def read_state(path: Path) -> MachineState:
     Raises
     ------
     MonitorError
-        If the file holds none.
+        If the file is not a state.
     """
     try:
         table = json.loads(gzip.decompress(path.read_bytes()))
         schema = table["schema"]
         state = _decoded(table["state"]) if schema == SCHEMA else None
     except Exception as error:  # noqa: BLE001 - of damaged bytes: a broken archive, lists in the place of numbers
-        raise MonitorError(f"{path}: this is no state of hums.watch ({error}); name the file that it wrote.") from None
+        raise MonitorError(f"{path}: not a state of hums.watch ({error}); name the file that it wrote.") from None
     if schema != SCHEMA:
-        raise MonitorError(f"{path} holds {schema!r}, where a state holds {SCHEMA!r}; watch from the start.")
+        raise MonitorError(f"{path} holds {schema!r}, but this version reads {SCHEMA!r}; start again.")
     if not isinstance(state, MachineState):
-        raise MonitorError(f"{path}: this is no state of hums.watch; name the file that it wrote.")
+        raise MonitorError(f"{path}: not a state of hums.watch; name the file that it wrote.")
     return state
 
 
 def _encoded(thing: Any) -> Any:  # noqa: ANN401
-    """Return what JSON has for a value; a float is written with all digits that distinguish it."""
+    """Return the JSON form of a value, with all significant digits of floats."""
     if is_dataclass(thing):
         return [type(thing).__name__, {one.name: _encoded(getattr(thing, one.name)) for one in fields(thing)}]
     if isinstance(thing, np.ndarray):

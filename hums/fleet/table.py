@@ -56,8 +56,8 @@ def write_tables(
 ) -> WrittenTables:
     """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the results of the records.
 
-    `health` has, by the name of a record, why it was not judged and the condition indices of its components; `limits`
-    has the score of each machine until which the time is forecast.
+    `health` has, by name of record, the reason why it was not judged and the condition indices of its components;
+    `limits` has the limit of each machine for forecasts.
 
     Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record.
     """
@@ -151,7 +151,7 @@ def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
 
 
 def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
-    """Return the table with the condition index of every component watched, NaN where a record was not judged."""
+    """Return the table with the condition index of every monitored component, NaN if a record was not judged."""
     records = [health.get(str(name), {}) for name in table["record"].to_numpy()]
     watched = list(dict.fromkeys(sorted({name for one in records for name in one.get("index", ())})))
     index = np.full((len(records), len(watched)), np.nan, dtype=np.float32)
@@ -277,7 +277,7 @@ def _write_trends(rows: Sequence[Mapping[str, Any]], stream: TextIO) -> None:
 
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
-    """Yield a row of ``trends.csv`` for every series of every machine, of each regime, that differs between records."""
+    """Yield a row of ``trends.csv`` for each series that varies, by machine and regime."""
     days, machines = _days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
     watched = [f"health: {name}" for name in table["watched"].to_numpy()]
     blocks = [
@@ -334,7 +334,7 @@ def _machine_trends(
 
 
 def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
-    """Return the time until a score reaches its limit, or why there is none."""
+    """Return the time until a score reaches its limit, or why there is no forecast."""
     known = np.flatnonzero(np.isfinite(series))
     distinct = known[np.r_[True, np.diff(days[known]) > 0]][-_RECENT_POINTS:]
     try:
@@ -357,5 +357,5 @@ def _reason_for_no_trends(table: xr.Dataset) -> str:
 
 
 def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
-    """Return the days since 1970 of ISO 8601 times, NaN for what is none."""
+    """Return the days since 1970 of ISO 8601 times, NaN if invalid."""
     return np.array([days_since_1970(when) for when in moments])

@@ -1,4 +1,4 @@
-"""One new record of a machine in, its health and alarms out: monitoring that stands in an acquisition loop."""
+"""Monitoring in an acquisition loop: condition and alarms of a machine after each new record."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,33 +22,33 @@ def watch(
     settings: MonitorSettings | None = None,
     work: Sequence[Work] = (),
 ) -> Judgement:
-    """Hold a new record of a machine against what is normal for it, and keep the state of the machine in a file.
+    """Compare a new record of a machine with its baseline, and keep the state of the machine in a file.
 
-    The first records make the baseline; then it is frozen. The state has a constant size and is read bit for bit as it
-    was written, so that a loop that was stopped goes on as if it had not been. Processes that share a state take turns.
-    A record that was watched before, or is older than the latest one, is not judged and changes nothing.
+    The first records form the baseline, which is then frozen. The state has a constant size and is restored bit for
+    bit, so that an interrupted loop resumes with identical results. Processes that share a state take turns. A record
+    that was given before, or is older than the latest one, is not judged and changes nothing.
 
     Parameters
     ----------
     analysis : xarray.DataTree
-        Result of `analyze`; the records of one machine come in the order of time.
+        Result of `analyze`; the records of one machine come in chronological order.
     state : str or Path
-        File of the machine's state; made where there is none.
+        File of the machine's state, created if missing.
     settings : MonitorSettings, optional
-        How the machine is watched, for a new state; one that is there keeps its own.
+        Settings for a new state; an existing one keeps its own.
     work : sequence of Work, optional
-        Maintenance, of `read_maintenance`.
+        Maintenance, from `read_maintenance`.
 
     Returns
     -------
     Judgement
         Whether the record was judged or why not, the condition index of each component (0 normal, 1 alarm), and the
-        alarms raised now, rows of ``alarms.csv``.
+        alarms raised by it, rows of ``alarms.csv``.
 
     Raises
     ------
     MonitorError
-        If the file holds no state, or that of another machine.
+        If the file is not a state, or that of another machine.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Machines of a fleet watched over their records: alarms, baselines and condition indices, written into a folder."""
+"""Monitoring of the machines of a fleet: alarms, baselines and condition indices, written into a folder."""
 
 import csv
 import hashlib
@@ -47,9 +47,9 @@ _YEAR_S = 365.25 * 86400
 
 @dataclass(kw_only=True)
 class MachineHistory:
-    """A machine's state, and what each of its records brought.
+    """A machine's state, and the judgement of each of its records.
 
-    ``records`` has the name, whether judged or why not, and the condition indices of each; ``alarms`` every alarm.
+    ``records`` has the name of each, whether judged or why not, and its condition indices; ``alarms`` all alarms.
     """
 
     state: MachineState
@@ -59,20 +59,20 @@ class MachineHistory:
 
     @property
     def severe_score(self) -> float:
-        """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
+        """Score at which the middle EWMA is twice its limit, a severe alarm; infinite if unknown."""
         limits = self.state.epochs[0].limits
         return math.inf if limits is None else SEVERE * float(limits.limits[1, 0])
 
     @property
     def false_alarms_a_year(self) -> float:
-        """False alarms to be expected in a year at the rate at which records came; NaN without their times."""
+        """Expected false alarms per year at the rate of the records; NaN without their times."""
         years = (self.state.last_seconds - self.state.first_seconds) / _YEAR_S
         if not 0 < years < math.inf:
             return math.nan
         return (len(self.records) - 1) / years / self.state.settings.false_alarm_every
 
     def follow(self, seen: Iterable[Observation], work: Sequence[Work]) -> None:
-        """Take further records, in the order of time."""
+        """Update the state by further records, in chronological order."""
         for one in seen:
             found = update(self.state, one, work=work)
             self.alarms += found.alarms
@@ -89,9 +89,9 @@ class MachineHistory:
                 self.last = found
 
     def growth_per_day(self, component: str) -> float:
-        """Return by how many deviations the score of a component rises in a day since it left normal; NaN if unknown.
+        """Return the growth of a component's score since it left normal, in deviations per day; NaN if unknown.
 
-        The median slope of its records since then, of which there have to be five.
+        It is the median slope of at least five records since then.
         """
         since = self.state.since.get(component, "")
         begun = [n for n, one in enumerate(self.records) if since and since in (one["recorded_at"], one["record"])]
@@ -101,7 +101,7 @@ class MachineHistory:
         return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
 
     def once_in_records(self, component: str) -> float:
-        """Return in how many records a healthy component shows once what this one shows now; NaN if unknown."""
+        """Return the mean number of healthy records per one with the present score of a component; NaN if unknown."""
         limits = self.state.epochs[self.state.epoch_of(component.partition(": ")[0])].limits
         index = self.last.index.get(component, math.nan) if self.last is not None else math.nan
         return limits.every_records_at(index) if limits is not None and math.isfinite(index) else math.nan
@@ -114,16 +114,16 @@ def watch_machines(
     settings: MonitorSettings,
     work: Sequence[Work] = (),
 ) -> list[MachineHistory]:
-    """Return the histories of all machines, in the order of their names, and keep their states in a folder.
+    """Return the histories of all machines, sorted by name, and keep their states in a folder.
 
     Parameters
     ----------
     records : sequence of StoredRecord
         All records, in any order.
     folder : Path
-        Of the states.
+        Folder of the states.
     settings : MonitorSettings
-        How machines are watched.
+        Settings of monitoring.
     work : sequence of Work
         Maintenance.
     """
@@ -153,7 +153,7 @@ def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
 
 
 def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
-    """Write ``components.csv``, one row per component of each machine as it is now, the worst first."""
+    """Write ``components.csv``, one row per component of each machine, the most urgent first."""
     rows = [row for history in histories for row in _components(history)]
     rows.sort(key=lambda row: (-row["condition_index"] if row["condition_index"] != "" else math.inf, row["machine"]))
     _write(path, COMPONENT_COLUMNS, rows)

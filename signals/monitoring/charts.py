@@ -1,7 +1,7 @@
 """Control charts of a score, record by record: exponentially weighted means and a cumulative sum.
 
 EWMA: Roberts (1959), Technometrics 1(3), 239-250; of weight 1 it is Shewhart's chart of single values. CUSUM: Page
-(1954), Biometrika 41, 100-115. One-sided: what falls is no fault.
+(1954), Biometrika 41, 100-115. One-sided: a decrease is not a fault.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ class ChartState:
     Attributes
     ----------
     values : (charts, ...) array
-        The EWMAs in the order of their weights, then the CUSUM, in standard deviations of the score.
+        EWMAs in the order of their weights, then the CUSUM, in standard deviations of the score.
     rising : (...) array
         Records since the CUSUM was last zero, the maximum-likelihood estimate of when the mean changed.
     """
@@ -35,16 +35,15 @@ class Charts:
     Attributes
     ----------
     weights : tuple of float
-        1 finds a jump in one record; 0.2 and 0.05 find shifts of about 1 and 0.5 standard deviations soonest (Lucas and
-        Saccucci 1990, Technometrics 32(1), 1-12).
-        The first is 1, so that its chart is the latest score.
+        1 detects a jump in one record; 0.2 and 0.05 detect shifts of about 1 and 0.5 standard deviations soonest (Lucas
+        and Saccucci 1990, Technometrics 32(1), 1-12). The first must be 1: its chart is the latest score.
     allowance : float
-        Subtracted from each value; half of the shift to be found, beside what the baseline's mean may be off.
+        Subtracted from each value: half of the shift to be detected, plus the uncertainty of the baseline's mean.
     alone : float
-        Most that a record counts, in deviations, in the charts that remember it, unless the one before was as high: the
-        EWMAs and the CUSUM would carry a single stray record into the next ones and raise an alarm of two of three by
-        it alone (two in a row; Lucas and Crosier 1982, Commun. Stat. Theory Methods 11(23), 2669-2685). Three: a normal
-        score is above that once in 740 records (our choice).
+        Largest contribution of a record, in deviations, to charts with memory, unless the preceding one was as high: a
+        single outlier would otherwise persist in the EWMAs and the CUSUM and raise an alarm of two in three by itself
+        (two in a row; Lucas and Crosier 1982, Commun. Stat. Theory Methods 11(23), 2669-2685). Three: a normal score
+        exceeds that once in 740 records (our choice).
     """
 
     weights: tuple[float, ...] = (1.0, 0.2, 0.05)
@@ -56,17 +55,17 @@ class Charts:
             raise ValueError(f"weights = {self.weights}: the first chart is the latest score; begin with 1.")
 
     def start(self, shape: tuple[int, ...] = ()) -> ChartState:
-        """Return charts of scores of a shape, before the first record."""
+        """Return the charts of scores of a given shape before the first record."""
         return ChartState(values=np.zeros((len(self.weights) + 1, *shape)), rising=np.zeros(shape, dtype=np.int64))
 
     def restart(self, state: ChartState, place: int) -> ChartState:
-        """Return the charts with those of one score as at the start."""
+        """Return the charts with those of one score reset."""
         values, rising = state.values.copy(), state.rising.copy()
         values[..., place], rising[..., place] = 0.0, 0
         return ChartState(values=values, rising=rising)
 
     def step(self, state: ChartState, score: Array) -> ChartState:
-        """Return the charts after one more record with `score` (...); NaN leaves them as they are."""
+        """Return the charts after one more record with `score` (...); NaN leaves them unchanged."""
         judged = np.isfinite(score)
         weights = np.reshape(self.weights, (-1, *[1] * np.ndim(score)))
         counted = np.minimum(score, np.maximum(self.alone, state.values[0]))

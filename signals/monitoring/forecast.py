@@ -1,15 +1,15 @@
-"""The time until a series reaches a limit, by regression on courses of growth with a level that wanders.
+"""Time until a series reaches a limit, by regression on growth laws with a drifting level.
 
     y_k = a + b u(t_k) + walk(t_k) + e_k,    u(t) = (exp(g s) - 1) / (exp(g) - 1),    s = max(0, (t - o) / (1 - o))
 
-where t runs from 0 to 1 over the time watched. Growth begins at the onset o; the rate g makes it speed up (g > 0), go
-on (0), or saturate (< 0). The random walk is that of the local level (Harvey 1989, Forecasting, Structural Time Series
-Models and the Kalman Filter, section 2.3), and e is white noise with an Ornstein-Uhlenbeck process (`slopes`). No short
-series tells these parameters: those on a grid are weighted by their restricted likelihoods, and paths drawn from all of
-them together give the interval. A line is the simplest course, so that |g| is exponentially distributed about it.
+where t runs from 0 to 1 over the observed time. Growth begins at the onset o; with the rate g it accelerates (g > 0),
+is linear (0), or saturates (< 0). The random walk is that of the local level (Harvey 1989, Forecasting, Structural Time
+Series Models and the Kalman Filter, section 2.3), and e is white noise with an Ornstein-Uhlenbeck process (`slopes`). A
+short series does not determine these parameters: those on a grid are weighted by their restricted likelihoods, and
+paths drawn from the mixture give the interval. A line is the simplest law, so |g| has an exponential prior.
 
-For given parameters the regression is the Kalman filter of the local level with a slope; for all of the grid at once
-and the scores of a machine, which have the same times, one factorisation serves.
+For given parameters the regression is the Kalman filter of the local level with a slope; one factorisation serves the
+whole grid and all scores of a machine, which share their times.
 """
 
 import math
@@ -27,8 +27,8 @@ _RATES = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # 6: 400-f
 _RATE, _ONSET = (axis.ravel() for axis in np.meshgrid(_RATES, (0.0, 0.25, 0.5, 0.75)))
 _PRIOR = np.where(_RATE < 0, -_RATE / 0.7, _RATE / 2.0)
 _WHITE = 0.2
-"""Prior: mean rates of saturation (0.7) and of growth that speeds up (2), and the probability of noise without memory.
-Our choice, of those with which intervals of each course of the benchmark hold what is true in 85 % or more: the slower
+"""Prior: mean rates of saturation (0.7) and of accelerating growth (2), and the probability of white noise. Our choice
+among those for which the intervals of each growth law of the benchmark cover the truth in at least 85 %: the slower
 saturation may be, the fewer forecasts have an upper end (docs/benchmarks/fleet.md)."""
 _PATHS, _STEPS = 1_000, 300
 _HORIZON = 3.0  # times the time watched that a forecast looks ahead; a longer one is a guess
@@ -37,9 +37,9 @@ _PROBABLE = 0.95  # share of paths that must rise for a forecast to be given
 
 @dataclass(frozen=True, kw_only=True)
 class TimeUntil:
-    """Time until a limit: median and the ends of the 90 % interval; or why there is none.
+    """Time until a limit: median and ends of the 90 % interval, or the reason why there is none.
 
-    ``reason`` is empty where a forecast is given.
+    ``reason`` is empty if a forecast is given.
     """
 
     median: float = math.nan
@@ -58,26 +58,26 @@ def time_until(limit: float, values: Array, times: Array, *, seed: int = 1) -> T
     values, times : (n,) array
         The series; of more than 100 values, medians of 100 consecutive groups are taken.
     seed : int
-        Of the drawn paths.
+        Seed of the drawn paths.
 
     Returns
     -------
     TimeUntil
-        With a reason instead of numbers where fewer than 95 % of the drawn slopes rise, or where more than one in
-        twenty of the paths does not reach the limit within three times the time watched, so that the interval has no
-        upper end: the trend may be noise with a memory, drift that turns, or growth that comes to rest below the limit.
+        With a reason instead of numbers if fewer than 95 % of the drawn slopes rise, or if more than 5 % of the paths
+        do not reach the limit within three times the observed time, so that the interval has no upper end: the trend
+        may be autocorrelated noise, reversing drift, or growth that saturates below the limit.
 
     Raises
     ------
     ValueError
-        If there are fewer than 8 finite values, or times do not rise.
+        If there are fewer than 8 finite values, or times do not increase.
     """
     known = np.isfinite(values) & np.isfinite(times)
     y, t = values[known], np.asarray(times[known], dtype=np.float64)
     if y.size < FEWEST:
-        raise ValueError(f"{y.size} values are too few for a forecast; it needs {FEWEST}.")
+        raise ValueError(f"{y.size} values are too few for a forecast; give at least {FEWEST}.")
     if not (np.diff(t) > 0).all():
-        raise ValueError("times of a forecast have to rise; give each value once.")
+        raise ValueError("times of a forecast must increase; give each value once.")
     last = t[-1]
     medians, t = grouped(y[:, None], t)
     y, span, rng = medians[:, 0], np.ptp(t), np.random.default_rng(seed)
@@ -112,6 +112,6 @@ def time_until(limit: float, values: Array, times: Array, *, seed: int = 1) -> T
 
 
 def _course(time: Array, rate: Array, onset: Array) -> Array:
-    """Return u at times from 0 to 1 over the time watched, and on."""
+    """Return u at times from 0 to 1 over the observed time, and beyond."""
     since, there = np.maximum(0, (time - onset) / (1 - onset)), np.where(rate == 0, 1.0, rate)
     return np.where(rate == 0, since, np.expm1(there * since) / np.expm1(there))

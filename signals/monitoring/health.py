@@ -1,8 +1,8 @@
-"""What is normal for a machine's series, and the scores of its components against it.
+"""Baselines of a machine's series, and the scores of its components relative to them.
 
-Series are logarithms, so that a gain adds to all that have the unit of the signal alike: their median departure is the
-level of the channel, which is watched by itself, up and suddenly down, and taken from them before components are
-judged. A gain that drifts is then no fault of a component.
+Series are logarithms, so a gain adds equally to all that have the unit of the signal: their median deviation is the
+level of the channel, which is monitored separately for rises and sudden falls, and subtracted before components are
+judged. A drifting gain is therefore not mistaken for a fault.
 """
 
 from collections.abc import Sequence
@@ -21,21 +21,21 @@ FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of f
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
 _MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
-"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959; `charts`)."""
+"""Variance of the EWMA with the longest memory, over that of white scores (Roberts 1959; `charts`)."""
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kinds:
-    """Series of each kind of all components as one table, so that one sort serves all of them.
+    """Series of each kind of all components as one table, so that one sort serves all.
 
     Attributes
     ----------
     series : (kinds, width) array
-        Series of each kind, -1 after the last.
+        Series of each kind, padded with -1.
     sizes : (kinds,) array
-        Number of series of each.
+        Number of series of each kind.
     first : (components,) array
         First kind of each component.
     """
@@ -98,7 +98,7 @@ class Layout:
 
     @cached_property
     def channel_of(self) -> Indices:
-        """Channel of whose common level each series has a part, -1 of none."""
+        """Channel whose common level each series shares, -1 without one."""
         found = np.full(self.powers.size, -1, dtype=np.int64)
         for number, those in enumerate(self.channels):
             found[those] = number
@@ -106,7 +106,7 @@ class Layout:
 
     @cached_property
     def divisors(self) -> Array:
-        """Power of the signal's unit of each series, 1 where it has none."""
+        """Power of the signal's unit of each series, 1 without a unit."""
         return np.where(self.powers > 0, self.powers, 1.0)
 
     @property
@@ -116,7 +116,7 @@ class Layout:
 
     @property
     def group_of(self) -> tuple[int, ...]:
-        """Group of each score; those of levels are of the first."""
+        """Group of each score; levels belong to the first."""
         return (*(self.groups or (0,) * len(self.components)), *(0,) * (2 * len(self.channels)))
 
     @property
@@ -127,10 +127,10 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True)
 class Prior:
-    """Deviations that are usual over machines, and their weight as a number of records.
+    """Typical standard deviations over machines, and their weight as a number of records.
 
-    ``series`` has one for each series, NaN where none is known; ``score`` is that of each fused score, ``level`` of a
-    channel's level, in the unit of the series.
+    ``series`` has one for each series, NaN if unknown; ``score`` is that of each fused score, ``level`` of a channel's
+    level, in the unit of the series.
     """
 
     series: Array
@@ -141,11 +141,11 @@ class Prior:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """A record held against what is normal.
+    """A record relative to the baseline.
 
     ``departures`` (..., series) are in deviations, ``growth`` (..., series) in the unit of the series (for logarithms:
-    of how much it has grown), ``scores`` (..., scores) in deviations, ``level`` (..., channels) is the
-    median departure of a channel, and ``recent`` (..., channels) the EWMA that a sudden fall is held against.
+    relative growth), ``scores`` (..., scores) in deviations, ``level`` (..., channels) is the median deviation of a
+    channel, and ``recent`` (..., channels) the EWMA to which a sudden fall is referred.
     """
 
     departures: Array
@@ -157,10 +157,10 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Normal:
-    """What was normal for a machine: the baselines of its series, levels and scores.
+    """Baselines of the series, levels and scores of a machine.
 
-    ``raw`` is of the series as they are, ``series`` without the level of their channel. ``level_center`` and
-    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched.
+    ``raw`` is that of the unchanged series, ``series`` without the level of their channel. ``level_center`` and
+    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are monitored.
     """
 
     layout: Layout
@@ -172,9 +172,9 @@ class Normal:
     score_scale: Array
 
     def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
-        """Return a record (..., series) at covariates (..., covariates) held against the baseline.
+        """Return a record (..., series) at covariates (..., covariates) relative to the baseline.
 
-        `recent` (..., channels) is that of the record before; zero at the start.
+        `recent` (..., channels) is that of the preceding record; zero at the start.
         """
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
@@ -196,21 +196,21 @@ class Normal:
 def learn_normal(
     values: Array, covariates: Array, layout: Layout, prior: Prior, *, independent: Array | float = 1.0
 ) -> Normal:
-    """Return what is normal from the records of a baseline.
+    """Learn the baselines from the records.
 
     Parameters
     ----------
     values : (..., records, series) array
         Logarithms of indicators; NaN where missing.
     covariates : (..., records, covariates) array
-        What they were recorded at.
+        Operating conditions of the records.
     layout : Layout
-        Which series belong together.
+        Series by component and channel.
     prior : Prior
-        Usual deviations.
+        Typical standard deviations.
     independent : float or (..., 1) array
-        Effective number of independent records over their number: how much the records' own deviations weigh against
-        the usual ones.
+        Ratio of the effective number of independent records to their number, which weights the records' own deviations
+        against the typical ones.
 
     Returns
     -------
@@ -223,7 +223,7 @@ def learn_normal(
     """
     records = values.shape[-2]
     if records < 2:  # noqa: PLR2004
-        raise ValueError(f"a baseline of {records} records has no spread; learn it on 2 or more.")
+        raise ValueError(f"a baseline of {records} records has no spread; give at least 2.")
     learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
     raw = learned(values, covariates, prior_scale=prior.series)
     each = raw.per_record()
@@ -250,12 +250,12 @@ def learn_normal(
 
 
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
-    """Return by how much departures (..., 1) at covariates are wider than in the middle, and how much a score counts.
+    """Return the factor by which deviations (..., 1) widen at covariates, and the weight of a score.
 
-    The error of a slope stays from record to record, so that charts which remember add it up: the EWMA that remembers
-    longest has the variance m of white scores and that of all of what is foretold. Limits allow for the mean of the
-    latter over the baseline's own records, (1 + slopes) / n; where it is larger, scores count less, so that the
-    variance of the EWMA stays. The more records, the less that is.
+    The error of a slope persists from record to record, so charts with memory accumulate it: the variance of the EWMA
+    with the longest memory is m for white scores, plus the full variance of the prediction. Limits allow for the mean
+    of the latter over the baseline, (1 + slopes) / n; if it is larger, scores are weighted less, so that the variance
+    of the EWMA is unchanged. The effect decreases with the number of records.
     """
     leverage, records = baseline.leverage(covariates)[..., None], baseline.records
     allowed, there = (1 + baseline.regressors) / records, 1 / records + leverage
@@ -264,7 +264,7 @@ def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array
 
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:
-    """Return `_QUANTILES` of the departures (..., channels) of the series with the signal's unit."""
+    """Return `_QUANTILES` of the deviations (..., channels) of the series with the signal's unit."""
     if not layout.channels:
         return [np.zeros((*departures.shape[:-1], 0)) for _ in _QUANTILES]
     padded = np.concatenate([departures / layout.divisors, np.full((*departures.shape[:-1], 1), np.nan)], axis=-1)
@@ -286,11 +286,11 @@ def _without(values: Array, level: Array, layout: Layout) -> Array:
 
 
 def fused_scores(departures: Array, kinds: Kinds) -> Array:
-    """Return the score of each component: the largest over its kinds of the mean of their largest third.
+    """Return the score of each component: the maximum over its kinds of the mean of their largest third.
 
-    Between the mean of all, which is best where all rise alike, and the largest, which is best where one does; a single
-    indicator that strays is diluted. A fault of one kind, as of one race of a bearing, is not diluted by the indicators
-    of the others. NaN where less than half of every kind has a value.
+    A compromise between the mean of all, which is best if all rise, and the largest, which is best if one does; a
+    single outlier is diluted. A fault of one kind, as of one race of a bearing, is not diluted by the indicators of the
+    others. NaN if less than half of every kind has a value.
 
     Parameters
     ----------
@@ -317,11 +317,11 @@ def fused_scores(departures: Array, kinds: Kinds) -> Array:
 
 
 def out_of_sample(records: int, leverage: Array) -> Array:
-    """Return the ratios (...) of the deviations of a new record and of a baseline's own about what that foretells.
+    """Return the ratios (...) of the standard deviations about the baseline of a new record and of its own records.
 
-    Of n independent records each departs from their mean with variance 1 - 1/n, from a regression on them by its
-    leverage h less, a new one with 1 + 1/n. A score that is not linear in the departures has the same mean for both
-    only after this correction.
+    Each of n independent records deviates from their mean with variance 1 - 1/n, from a regression on them less by its
+    leverage h, and a new one with 1 + 1/n. A score that is not linear in the deviations has the same mean for both only
+    after this correction.
     """
     return np.asarray(np.sqrt((1 + 1 / records) / np.maximum(1 - 1 / records - leverage, 1 / records)))
 
@@ -329,8 +329,8 @@ def out_of_sample(records: int, leverage: Array) -> Array:
 def regime(covariates: Array) -> tuple[Array, Array]:
     """Return the lowest and highest covariates (covariates,) at which records are judged.
 
-    The range of the baseline, wider by a tenth of itself and 5 % of its middle on either side (our choice: lines
-    change little over that, and a steady machine is never as steady as its declared speed).
+    The range of the baseline, extended on either side by a tenth of its width and 5 % of its centre (our choice: lines
+    change little over that, and no machine is as steady as its declared speed).
     """
     low, high = covariates.min(axis=0), covariates.max(axis=0)
     margin = 0.1 * (high - low) + 0.05 * np.abs(high + low) / 2

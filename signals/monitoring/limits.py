@@ -1,12 +1,12 @@
-"""Limits of control charts for a stated rate of false alarms, with the uncertainty of the baseline in them.
+"""Limits of control charts for a stated rate of false alarms, including the uncertainty of the baseline.
 
-A baseline of few records, which depend on each other, leaves the mean and the deviation of a score uncertain; limits
-that leave that out give several times the stated rate of false alarms (Jensen, Jones-Farmer, Champ and Woodall 2006,
-J. Qual. Technol. 38(4), 349-364). A table has the limits at which healthy machines, each with its own baseline of as
-many records, raised the stated number of alarms.
+A baseline of few, autocorrelated records leaves the mean and the deviation of a score uncertain; limits that neglect
+this give several times the stated rate of false alarms (Jensen, Jones-Farmer, Champ and Woodall 2006, J. Qual. Technol.
+38(4), 349-364). A table has the limits at which healthy machines, each with its own baseline of the same size, raised
+the stated number of alarms.
 
-Alarms are those of the EWMAs. The CUSUM says since when a score rises: where the mean of a baseline is off by more than
-its allowance it grows for ever, so that a limit which few machines reach is far beyond those of the EWMAs.
+Alarms are raised by the EWMAs. The CUSUM dates the onset of a rise: if the mean of a baseline is in error by more than
+its allowance, it grows without bound, so a limit that few machines reach would be far beyond those of the EWMAs.
 """
 
 import math
@@ -22,25 +22,25 @@ Array = NDArray[np.float64]
 OF, WITHIN = 2, 3  # records at the limit that raise an alarm: what a single one shows is left out
 AT_ONCE = 2.0  # index at which a single record does
 _OF_A_SLOPE = 0.5
-"""Error of a slope in what is foretold at the usual covariates, over that of the mean. It is 1 for white scores; for
-what drifts the autocorrelations of score and covariate multiply: with a drift of 15 % of the variance, of states of
-which half is correlated over 5 and half over 50 records, 0.4."""
+"""Ratio of the contributions of a slope and of the mean to the error of the prediction at typical covariates. It is 1
+for white scores; for drift, the autocorrelations of score and covariate multiply: 0.4 for a drift of 15 % of the
+variance, half of it correlated over 5 and half over 50 records."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitTable:
-    """Limits that healthy machines have shown.
+    """Limits learned from healthy machines.
 
     Attributes
     ----------
     baselines : (baselines,) array
-        Independent records that a baseline was learned on.
+        Number of independent records of the baseline.
     every : (rates,) array
         Mean records between false alarms of one score.
     limits : (groups, baselines, rates, ewmas) array
-        Of each EWMA, in deviations of the score, for each group of scores that are alike in health.
+        Of each EWMA, in deviations of the score, for each group of scores with the same distribution in health.
     allowances : (baselines,) array
-        Of the CUSUM: half a deviation, and what the mean may be off.
+        Allowance of the CUSUM: half a deviation, plus the uncertainty of the mean.
     """
 
     baselines: Array
@@ -49,7 +49,7 @@ class LimitTable:
     allowances: Array
 
     def at(self, independent: Array, every: float, groups: tuple[int, ...]) -> Array:
-        """Return the limits (ewmas, scores) for baselines of `independent` records (scores,), between the table's."""
+        """Return the limits (ewmas, scores) for baselines of `independent` records (scores,), by interpolation."""
         logs = np.log(self.limits)
         low, share = _place(np.array(every), self.every)
         logs = logs[:, :, low] + share * (logs[:, :, low + 1] - logs[:, :, low])
@@ -59,7 +59,7 @@ class LimitTable:
 
 
 def _place(value: Array, grid: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return after which points of a grid values lie, at most the last but one, and how far on in its logarithm."""
+    """Return the grid points below values, at most the last but one, and the logarithmic fraction of the interval."""
     place = np.interp(np.log(value), np.log(grid), np.arange(grid.size))
     low = np.minimum(place.astype(np.int64), grid.size - 2)
     return low, place - low
@@ -78,7 +78,7 @@ class MachineLimits:
     every_records : float
         Mean number of records between false alarms of each score.
     decades : (scores,) array
-        How the rate of false alarms falls: it is a tenth where the limits are higher by this factor less 1.
+        Relative increase of the limits at which the rate of false alarms falls to a tenth.
     """
 
     charts: Charts
@@ -92,15 +92,15 @@ class MachineLimits:
         return np.asarray(np.maximum((state.values[:-1] / limits).max(axis=0), 0.0))
 
     def headroom(self, baseline: Array) -> Array:
-        """Return by how much limits (scores,) are wider for scores with an alarm in their baseline (records, scores).
+        """Return the factor (scores,) by which alarms in the baseline (records, scores) widen the limits.
 
-        An alarm that the records of a baseline raise by the rule m of n shows that bursts are normal there, and the
-        index of later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves out, do
-        not count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
-        mean; the next one then exceeds u + x with the probability (1 + x/s)^-k (predictive distribution with a prior
-        flat in the logarithm of the mean; Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is
-        that at which the rule raises bursts at the stated rate, where they come independently, in a share
-        (k + 1/2) / (n + 1) of the records (Jeffreys' prior).
+        An alarm that the baseline itself raises by the rule m of n shows that bursts are normal, and the index of later
+        records is divided by this factor, else 1. Single outliers, which the rule ignores, do not count. k bursts of n
+        records that exceed the limit u by a sum s are taken as exponential of unknown mean; the next one then exceeds u
+        + x with the probability (1 + x/s)^-k (predictive distribution with a prior flat in the logarithm of the mean;
+        Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is that at which the rule responds to
+        bursts at the stated rate, if they occur independently in a share (k + 1/2) / (n + 1) of the records (Jeffreys'
+        prior).
         """
         records = baseline.shape[0]
         if records < WITHIN:
@@ -120,7 +120,7 @@ class MachineLimits:
         return np.asarray(np.any(baseline >= AT_ONCE * self.limits[0], axis=0))
 
     def every_records_at(self, index: float) -> float:
-        """Return in how many records a healthy score raises an alarm with the limit at an index: the least number."""
+        """Return the least mean number of records between false alarms of any score with its limit at an index."""
         exponent = np.minimum((index - 1) / self.decades, 300.0)  # beyond which floats end
         return float(self.every_records * 10 ** exponent.min())
 
@@ -128,21 +128,21 @@ class MachineLimits:
 def machine_limits(
     table: LimitTable, independent: Array, every_records: float, groups: tuple[int, ...], *, slopes: Array | float = 0.0
 ) -> MachineLimits:
-    """Return the limits of all scores of a machine, each of which raises an alarm equally seldom.
+    """Return the limits of all scores of a machine, each with the same rate of false alarms.
 
     Parameters
     ----------
     table : LimitTable
-        What healthy machines have shown.
+        Limits learned from healthy machines.
     independent : (scores,) array
-        Independent records that the baseline of each score was learned on.
+        Number of independent records of the baseline of each score.
     every_records : float
         Mean number of records of the machine until the first false alarm, over all its scores.
     groups : tuple of int
         Group of each score.
     slopes : float or (scores,) array
-        Effective number of slopes on covariates that were learned on them, too: limits are those of a baseline of
-        n / (1 + slopes / 2) records.
+        Effective number of slopes on covariates learned from the same records: limits are those of a baseline of n / (1
+        + slopes / 2) records.
     """
     records, each = np.asarray(independent) / (1 + _OF_A_SLOPE * slopes), every_records * len(groups)
     limits = table.at(records, each, groups)

@@ -1,15 +1,15 @@
-"""Robust mean and standard deviation of a baseline, and a robust regression on what it was recorded at.
+"""Robust mean and standard deviation of a baseline, and robust regression on operating conditions.
 
 The location is Huber's M estimate with k = 1.5 (95 % efficient, Huber 1964, Ann. Math. Stat. 35, 73-101), started at
 the median and the median absolute deviation; the variance is that of the values winsorised at k, made consistent for a
-normal distribution (Huber's proposal 2). A few bad records therefore move neither.
+normal distribution (Huber's proposal 2). A few outliers therefore affect neither.
 
-A regression on few records foretells badly away from them. Slopes, in deviations of their series, have the prior
-N(0, tau^2) for each covariate, with tau^2 as all series of the machine show it: the mean of their squared slopes less
-that of their errors (empirical Bayes; Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117-130). A covariate has no slope
-where the former is not twice the latter: nothing of the machine depends on it for certain. What remains uncertain of
-the value foretold at covariates x from their middle, x' (X'X + 1/tau^2)^-1 x, widens the departure there as in the
-prediction interval of a regression (Draper and Smith 1998, Applied Regression Analysis, section 3.1).
+A regression on few records extrapolates poorly. Slopes, in deviations of their series, have the prior N(0, tau^2) for
+each covariate, with tau^2 estimated from all series of the machine: the mean of their squared slopes less that of their
+errors (empirical Bayes; Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117-130). A covariate has no slope unless the
+former is twice the latter: no dependence on it is certain. The remaining uncertainty of the value predicted at
+covariates x from their centre, x' (X'X + 1/tau^2)^-1 x, widens the deviation there as in the prediction interval of a
+regression (Draper and Smith 1998, Applied Regression Analysis, section 3.1).
 """
 
 import math
@@ -24,8 +24,8 @@ _MAD = 1.4826  # of a normal distribution: 1 / the quantile at 3/4
 _STEPS = 12  # of reweighting; it converges by a factor of three or more a step
 _FEWEST_PER_COVARIATE = 10  # records; below, a slope's error would add more than it removes
 _CERTAIN = 2.0
-"""Mean squared slope over its error from which a covariate has slopes. Series depend on each other: of ten independent
-ones without slopes 3 % of the machines are above it (our choice)."""
+"""Ratio of the mean squared slope to its squared error above which a covariate has slopes. Series are correlated: with
+ten independent ones without slopes, 3 % of the machines exceed it (our choice)."""
 
 
 def _winsorised_variance(k: float) -> float:
@@ -40,12 +40,12 @@ _CONSISTENT = 1 / math.sqrt(_winsorised_variance(_HUBER))
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesBaseline:
-    """What was normal for several series: their location, scale and slopes on covariates.
+    """Baseline of several series: location, scale and slopes on covariates.
 
     Attributes
     ----------
     center, scale : (..., series) array
-        Robust mean and standard deviation; NaN where a series has too few values.
+        Robust mean and standard deviation; NaN if a series has too few values.
     slopes : (..., covariates, series) array
         Change of the mean per unit of each covariate.
     covariate_center : (..., covariates) array
@@ -53,9 +53,9 @@ class SeriesBaseline:
     slope_variance : (..., covariates, covariates) array
         Covariance of the slopes' errors over the variance of the series.
     regressors : (...) array
-        Effective number of slopes: 1 for a covariate that is known well, 0 for one that does not matter.
+        Effective number of slopes: 1 for a covariate with a well-determined slope, 0 for an irrelevant one.
     records : int
-        Records it was learned on.
+        Number of records.
     """
 
     center: Array
@@ -67,17 +67,17 @@ class SeriesBaseline:
     records: int
 
     def standardised(self, values: Array, covariates: Array) -> Array:
-        """Return values (..., series), recorded at covariates (..., covariates), as departures in scales."""
+        """Return values (..., series) at covariates (..., covariates) as deviations in units of the scale."""
         shift = np.einsum("...c,...cs->...s", covariates - self.covariate_center, self.slopes)
         return np.asarray((values - self.center - shift) / self.scale)
 
     def leverage(self, covariates: Array) -> Array:
-        """Return the variance (...) that the slopes' errors add at covariates, over the variance of the series."""
+        """Return the variance (...) that the errors of slopes add at covariates, over the variance of the series."""
         away = covariates - self.covariate_center
         return np.asarray(np.einsum("...c,...cd,...d->...", away, self.slope_variance, away))
 
     def per_record(self) -> "SeriesBaseline":
-        """Return the baseline with an axis for the records before that of the series or covariates."""
+        """Return the baseline with an axis for records inserted before that of series or covariates."""
         return replace(
             self,
             center=self.center[..., None, :],
@@ -97,22 +97,23 @@ def learn_baseline(
     prior_dof: float = 0.0,
     independent: Array | float = 1.0,
 ) -> SeriesBaseline:
-    """Return the baseline of series from the records it is learned on.
+    """Learn the baseline of series from records.
 
     Parameters
     ----------
     values : (..., records, series) array
-        The series; NaN where a record has no value. One with values in fewer than half of them has no baseline.
+        The series; NaN for missing values. One with values in fewer than half of them has no baseline.
     covariates : (..., records, covariates) array
-        What the records were made at; none: (..., records, 0). A covariate that does not change, or with fewer than
-        ten records for each, has no slope.
+        Operating conditions; none: (..., records, 0). A constant covariate has no slope, nor has any with fewer than
+        ten records per covariate.
     prior_scale : array or float
-        Standard deviation that is usual for each series, NaN where unknown.
+        Typical standard deviation of each series, NaN if unknown.
     prior_dof : float
-        Weight of the usual one, as a number of records: variances are averaged as in a scaled inverse chi-squared
+        Weight of the typical one, as a number of records: variances are averaged as in a scaled inverse chi-squared
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
     independent : float or (..., 1) array
-        Effective number of independent records over their number, which a deviation's weight against the usual one has.
+        Ratio of the effective number of independent records to their number, which weights a deviation against the
+        typical one.
 
     Returns
     -------
@@ -183,7 +184,7 @@ def _location(values: Array) -> tuple[Array, Array, Array]:
 
 
 def _middle(ordered: Array, count: NDArray[np.int64]) -> Array:
-    """Return the medians of sorted values along the records, the known ones first."""
+    """Return the medians of sorted values along the records, with NaN last."""
     low, high = np.maximum(count - 1, 0) // 2, count // 2
     high = np.minimum(high, ordered.shape[-2] - 1)
     pick = [np.take_along_axis(ordered, at[..., None, :], axis=-2)[..., 0, :] for at in (low, high)]
@@ -192,9 +193,9 @@ def _middle(ordered: Array, count: NDArray[np.int64]) -> Array:
 
 
 def _slopes(values: Array, design: Array, weights: Array, precision: Array) -> Array:
-    """Return weighted least-squares slopes (..., covariates, series) with a prior of some precision about zero.
+    """Return weighted least-squares slopes (..., covariates, series) with a prior of given precision about zero.
 
-    `precision` (..., covariates) is over that of a record; a covariate of infinite precision has no slope.
+    `precision` (..., covariates) is relative to that of a record; a covariate of infinite precision has no slope.
     """
     filled = np.where(np.isfinite(values), values, 0.0)
     products = (design[..., :, None] * design[..., None, :]).reshape(*design.shape[:-1], -1)
@@ -206,7 +207,7 @@ def _slopes(values: Array, design: Array, weights: Array, precision: Array) -> A
 
 
 def _with_prior(normal: Array, precision: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return normal equations (..., covariates, covariates) with a prior, and where a covariate has no slope."""
+    """Return normal equations (..., covariates, covariates) with a prior, and a mask of covariates without a slope."""
     diagonal = np.einsum("...cc->...c", normal)
     none = ~np.isfinite(precision) | (diagonal <= 0)
     added = np.where(none, 1.0, np.where(none, 0.0, precision) + 1e-12 * diagonal)

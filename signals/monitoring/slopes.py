@@ -1,11 +1,11 @@
-"""How much each of many series changes with time: slopes whose errors may depend on each other.
+"""Change of each of many series with time: slopes with autocorrelated errors.
 
     y_k = a + b t_k + e_k,  corr(e_j, e_k) = w exp(-|t_j - t_k| / m) for j != k
 
 (white noise and an Ornstein-Uhlenbeck process) by generalised least squares. Memory m and share w are unknown: those on
-a grid are weighted by their restricted likelihoods (Patterson and Thompson 1971, Biometrika 58(3), 545-554). A memory
-as long as the series looks like a trend, which widens the interval of a short series. Forecasts take the same
-regression, with a level that wanders (`forecast`).
+a grid are weighted by their restricted likelihoods (Patterson and Thompson 1971, Biometrika 58(3), 545-554). Noise
+correlated over the whole series looks like a trend, which widens the interval of a short series. Forecasts use the same
+regression with a drifting level (`forecast`).
 """
 
 from dataclasses import dataclass, fields
@@ -27,7 +27,7 @@ _USUAL_DRIFT = 3.0  # deviations (our choice; see `error_models`)
 
 @dataclass(frozen=True, kw_only=True)
 class Slopes:
-    """Change of series over time; NaN for a series with fewer than 5 values or equal ones.
+    """Change of series with time; NaN for a series with fewer than 5 values or constant ones.
 
     Attributes
     ----------
@@ -36,18 +36,18 @@ class Slopes:
     median, first, last : (series,) array
         Median of all values, of the first third and of the last.
     slope, slope_low, slope_high : (series,) array
-        Slope and the ends of its 95 % interval, in units of the values per unit of time. Above 100 records, it is that
-        of the medians of 100 consecutive groups.
+        Slope and the ends of its 95 % interval, in units of the values per unit of time. For more than 100 records, of
+        the medians of 100 consecutive groups.
     p_value : (series,) array
-        Probability of a change at least this far from zero without a trend: twice the lesser one (Bonferroni) of a line
-        and of growth that speeds up, of the logarithms where all values are positive. A step is no trend.
+        Probability of a change at least this large without a trend: twice the smaller one (Bonferroni) of a line and of
+        accelerating growth, of the logarithms if all values are positive. A step is not a trend.
     form : (series,) array of str
-        Course with the least probability: ``line`` or ``growth``.
+        Growth law with the smaller probability: ``line`` or ``growth``.
     rises : (series,) array
         Whether it rises rather than falls.
     discovery_rate : (series,) array
-        Expected share of false ones among all series with at most this probability (Benjamini and Hochberg 1995, J. R.
-        Stat. Soc. B 57(1), 289-300).
+        Expected share of false discoveries among all series with at most this probability (Benjamini and Hochberg 1995,
+        J. R. Stat. Soc. B 57(1), 289-300).
     """
 
     points: NDArray[np.int64]
@@ -100,7 +100,7 @@ def _discovery_rates(p_values: Array) -> Array:
 
 
 def _slope(y: Array, t: Array) -> dict[str, float]:
-    """Return the slope of values (n,) over rising times, and its 95 % interval."""
+    """Return the slope of values (n,) over increasing times, and its 95 % interval."""
     from scipy.stats import t as student  # noqa: PLC0415 - heavy
 
     place, unit = (t - t[0]) / np.ptp(t), y.std() / np.ptp(t)
@@ -110,7 +110,7 @@ def _slope(y: Array, t: Array) -> dict[str, float]:
 
 
 def _change(y: Array, t: Array) -> dict[str, Any]:
-    """Return which course values (n,) over rising times change by, and how probable that is by chance."""
+    """Return the growth law of values (n,) over increasing times, and its probability by chance."""
     from scipy.stats import t as student  # noqa: PLC0415 - heavy
 
     place = (t - t[0]) / np.ptp(t)
@@ -122,7 +122,7 @@ def _change(y: Array, t: Array) -> dict[str, Any]:
 
 
 def _changes(y: Array, courses: Array, t: Array) -> tuple[Array, Array, int]:
-    """Return by how much values change along each of some courses, in their deviation, the errors of that, and dof."""
+    """Return the standardised change of values along each growth law, its standard error, and degrees of freedom."""
     fit = regression(y / max(y.std(), 1e-300), courses, error_models(t.tobytes()))
     weight = np.exp(fit.log_likelihood - fit.log_likelihood.max(axis=0))
     weight /= weight.sum(axis=0)
@@ -133,11 +133,11 @@ def _changes(y: Array, courses: Array, t: Array) -> tuple[Array, Array, int]:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorModels:
-    """Models of the errors of values (n,) at some times.
+    """Models of the errors of values (n,).
 
     ``whiten`` (models, n, n) makes errors independent, ``log_weight`` (models,) is the logarithm of the prior
     probability less half of that of the determinant; ``drift`` (models,) is the deviation of a random walk over the
-    time watched, in standard deviations of the other errors, and ``walk`` (models, n) its covariance at the last value
+    observed time, in standard deviations of the other errors, and ``walk`` (models, n) its covariance at the last value
     with that at each, whitened.
     """
 
@@ -149,7 +149,7 @@ class ErrorModels:
 
 @lru_cache(maxsize=16)
 def error_models(times: bytes, drifts: tuple[float, ...] = (0.0,), *, white: float = 0.5) -> ErrorModels:
-    """Return models of errors at rising times, with each memory and each drift; `white` is the prior of no memory.
+    """Return models of errors at increasing times, with each memory and drift; `white` is the prior of white noise.
 
     The drift in deviations is exponentially distributed (penalised complexity prior; Simpson et al. 2017, Stat. Sci.
     32(1), 1-28).
@@ -172,11 +172,11 @@ def error_models(times: bytes, drifts: tuple[float, ...] = (0.0,), *, white: flo
 
 @dataclass(frozen=True, kw_only=True)
 class Regression:
-    """Regression of values on courses over time, for each model of the errors (models, courses).
+    """Regression of values on growth laws, for each model of the errors (models, laws).
 
-    ``log_likelihood`` has the prior of the models in it; ``constant``, ``slope`` and
-    ``variance`` are estimates, ``slope_variance`` and ``constant_variance`` (that of the constant if the slope is
-    known) are over the variance, and ``tilt`` is by how much the constant falls where the slope rises.
+    ``log_likelihood`` includes the prior of the models; ``constant``, ``slope`` and ``variance`` are estimates,
+    ``slope_variance`` and ``constant_variance`` (that of the constant if the slope is known) are over the variance, and
+    ``tilt`` is the decrease of the constant per increase of the slope.
     """
 
     log_likelihood: Array
@@ -190,7 +190,7 @@ class Regression:
 
 
 def regression(y: Array, courses: Array, errors: ErrorModels) -> Regression:
-    """Return the regression of values (n,) on each of some courses (n, courses), with each model of the errors."""
+    """Return the regression of values (n,) on each growth law (n, laws), with each model of the errors."""
     whiten, dof = errors.whiten, y.size - 2
     level, rise, white = whiten.sum(axis=2)[..., None], whiten @ courses, (whiten @ y)[..., None]
     ones, cross, square = (level**2).sum(axis=1), (level * rise).sum(axis=1), (rise**2).sum(axis=1)

@@ -180,7 +180,7 @@ def test_lines_of_a_swinging_stiffness_are_those_of_hills_determinant():
                      "growth": {"rate_mm_per_s": 1, "largest_mm": 2}}]}, 'the teeth of "mesh" change'),
         ({"gearbox": declared_pair(teeth=(23, 67)), "imperfections": {"gears": {"grade": 6}}},
          'the teeth of "mesh" repeat after 1541 cycles only'),
-        ({"torque": {"link": "wheel", "nm": 0.1}}, "teeth part"),
+        ({"torque": {"link": "wheel", "nm": 0.1}}, "teeth lose contact"),
         ({"speed": {"link": "wheel", "run_up": {"inertia_kg_m2": 5, "rpm": 600}},
           "torque": {"link": "pinion", "nm": 10}}, "speed follows from torque"),
     ],

@@ -138,7 +138,7 @@ def test_lines_of_the_linear_response_are_those_of_twelve_equations():
         for way in ([0, 0, 1], [1, 0, 0], [0, 1, 0])
     ]
     record = simulate(scene("auto", sensor=sensors), seed=SEED)
-    assert record.attrs["truth_fidelity"].startswith("linear response: both differ by nothing")
+    assert record.attrs["truth_fidelity"].startswith("linear response: the models differ by nothing")
     found = record["truth_amplitude"].sel(truth_order=20).values[:, 0]
     expected = np.array([q[1] * 4e7, q[2] * 3e7, q[0] * 4e7]) * housing
     assert_allclose(np.abs(found), np.abs(expected), rtol=1e-8)

@@ -21,7 +21,7 @@ def test_sorted_by_date(tmp_path):
     ("text", "error"),
     [
         ("component\npinion\n", "column 'date' is missing"),
-        ("date,component\nspring,pinion\n", "line 2: date 'spring' is no ISO 8601 time"),
+        ("date,component\nspring,pinion\n", "line 2: date 'spring' is not an ISO 8601 time"),
         (
             "date,component,action\n2026-03-01,pinion,oiled\n",
             "action 'oiled' is unknown; write replaced or acknowledged",

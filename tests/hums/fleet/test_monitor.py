@@ -259,9 +259,9 @@ class TestBaseline:
         assert [alarm["component"] for alarm in alarms(found)] == ["record"]
 
     def test_refusals(self):
-        with pytest.raises(MonitorError, match="a spread needs 2 records or more"):
+        with pytest.raises(MonitorError, match="a deviation needs at least 2 records"):
             MonitorSettings(baseline_records=1)
-        with pytest.raises(MonitorError, match="is no ISO 8601 time; write 2026-03-01"):
+        with pytest.raises(MonitorError, match="is not an ISO 8601 time, as 2026-03-01"):
             MonitorSettings(baseline_until="last spring")
 
 

@@ -48,5 +48,5 @@ def test_its_size_does_not_grow(tmp_path):
 )
 def test_what_is_no_state(tmp_path, damaged):
     (tmp_path / "state").write_bytes(damaged)
-    with pytest.raises(MonitorError, match=r"this is no state of hums\.watch"):
+    with pytest.raises(MonitorError, match=r"not a state of hums\.watch"):
         read_state(tmp_path / "state")

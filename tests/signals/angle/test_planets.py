@@ -337,7 +337,7 @@ class TestPassAngle:
 
     def test_one_revolution_is_no_evidence(self):
         signal = AngularSignal(values=np.ones(248), samples_per_rev=248, start_rev=0.0, passband_orders=100.0)
-        with pytest.raises(ValueError, match="give two or more"):
+        with pytest.raises(ValueError, match="give at least two"):
             pass_angle(signal, teeth=HUNTING)
 
 

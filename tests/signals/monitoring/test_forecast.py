@@ -47,7 +47,7 @@ class TestTimeUntil:
         assert found[1].reason == "none can be given: it may take more than 3 times the time watched"
 
     def test_refusals(self):
-        with pytest.raises(ValueError, match="7 values are too few for a forecast; it needs 8"):
+        with pytest.raises(ValueError, match="7 values are too few for a forecast; give at least 8"):
             time_until(8.0, np.arange(7.0), np.arange(7.0))
-        with pytest.raises(ValueError, match="have to rise"):
+        with pytest.raises(ValueError, match="must increase"):
             time_until(8.0, np.arange(9.0), np.zeros(9))
