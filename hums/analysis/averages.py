@@ -1,8 +1,8 @@
-"""Analysis of a record that is an average in angle already: its indicators, and by name what it does not allow.
+"""Analysis of a record that is already an average in angle: its indicators, and the reasons for withheld ones.
 
-An average over one component keeps what repeats with its revolution: mesh harmonics, their sidebands, local damage of
-its gears. Bearings, other shafts, time and speed are gone, and one average has no spread from which a probability could
-be taken: nothing is diagnosed, and every part says why.
+An average over one component retains what repeats with its revolution: mesh harmonics, their sidebands, local damage of
+its gears. Bearings, other shafts, time and speed are lost, and a single average has no scatter from which a probability
+could be derived: nothing is diagnosed, and the reason is given for every component.
 """
 
 import math
@@ -43,7 +43,7 @@ from signals.shaft.phase import constant_speed
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 
 _RAW = ("rms", "peak", "crest_factor", "kurtosis")
-_STANDARDISED = 1e-2  # how near one the deviation of a signal without unit is, of which it is taken for the unit
+_STANDARDISED = 1e-2  # largest difference from one of the standard deviation of a normalised signal
 _NO_TIME = "an average in angle has no time, and its speed is not known"
 _NOT_SYNCHRONOUS = "a bearing's lines are no multiples of a revolution, so that averaging removed them"
 
@@ -81,20 +81,20 @@ def average_channel(channel: ChannelSegments, settings: AnalysisSettings, baseli
 def envelope_depths(values: Values, *, harmonics: int) -> list[float]:
     """Return the amplitudes of the first orders of the envelope of one revolution, over the mean of the envelope.
 
-    The envelope is the magnitude of the analytic signal. Where a revolution is modulated by ``1 + m cos(k angle)``,
-    order k has the depth m.
+    The envelope is the magnitude of the analytic signal. If a revolution is modulated by ``1 + m cos(k angle)``, order
+    k has the depth m.
 
     Parameters
     ----------
     values : (n,) array
-        One revolution, any unit, its mean removed by the caller.
+        One revolution, in any unit, without its mean.
     harmonics : int
         Number of orders.
 
     Raises
     ------
     ValueError
-        If the values are zero throughout, or too few.
+        If all values are zero, or there are too few.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def average_segments(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSet
 
 
 def _gears_on(machine: Machine, component: str) -> dict[str, int]:
-    """Return the teeth of each gear on a link, by its component name; of a planet in the mesh with the ring alone.
+    """Return the teeth of each gear on a link, by component name; for a planet, in the mesh with the ring only.
 
     Both meshes of a planet have the same teeth, and the same average.
     """
@@ -175,7 +175,7 @@ def _gears_on(machine: Machine, component: str) -> dict[str, int]:
 
 
 def _average(segment: Segment) -> SynchronousAverage:
-    """Return one revolution, the mean of those that the record holds."""
+    """Return one revolution, the mean of those in the record."""
     record = segment.record
     per_rev = int(record.attrs["samples_per_rev"])
     turns = np.asarray(segment.values, dtype=np.float64).reshape(-1, per_rev)
@@ -190,7 +190,7 @@ def _average(segment: Segment) -> SynchronousAverage:
 
 
 def _spectrum(segment: Segment, component: str) -> AmplitudeSpectrum:
-    """Return the spectrum over the orders of the reference; the average repeats, so that no window is needed."""
+    """Return the spectrum over the orders of the reference; an average is periodic and needs no window."""
     per_rev, kinematics = int(segment.record.attrs["samples_per_rev"]), segment.machine.kinematics
     body = kinematics.bodies[component]
     joint = kinematics.joints.get(body)
@@ -210,7 +210,7 @@ def _indicators(
     settings: AnalysisSettings,
     baseline: Baseline,
 ) -> list[IndicatorValue]:
-    """Return the indicators of one channel, and a row with the reason for each that cannot be made."""
+    """Return the indicators of one channel, and a row with the reason for each that is withheld."""
     component, gears = monitored.component, _gears_on(machine, monitored.component)
     rows = [*_raw(monitored, values), *_of_shaft(monitored, average)]
     for name, teeth in gears.items():
@@ -231,7 +231,7 @@ def _indicators(
 
 
 def _raw(monitored: MonitoredComponent, values: Values) -> Iterator[IndicatorValue]:
-    """Yield the indicators of the samples; levels of a signal that was scaled by its own deviation are withheld."""
+    """Yield the indicators of the samples; levels of a signal normalised by its standard deviation are withheld."""
     whole = MonitoredComponent(channel=monitored.channel, units=monitored.units, component="record", kind="channel")
     takes = f"average over {monitored.component}"
     scaled = monitored.units == "1" and abs(float(np.std(values)) - 1) < _STANDARDISED
@@ -251,9 +251,9 @@ def _of_shaft(monitored: MonitoredComponent, average: SynchronousAverage) -> Ite
 def _of_residual(
     monitored: MonitoredComponent, average: SynchronousAverage, teeth: tuple[int, ...], settings: AnalysisSettings
 ) -> Iterator[IndicatorValue]:
-    """Yield level and kurtosis of what is left between the mesh harmonics, and the lines of its envelope.
+    """Yield level and kurtosis of the residual between the mesh harmonics, and the lines of its envelope.
 
-    A link without gears has its whole average for a residual signal.
+    For a link without gears the residual signal is the whole average.
     """
     takes = f"residual signal of the average over {monitored.component}"
 
@@ -303,7 +303,7 @@ def _note(record: xr.Dataset) -> str:
 
 
 def no_speed(machine: Machine) -> xr.Dataset:
-    """Return the group `/speed` of a record without a time."""
+    """Return the group `/speed` of a record without time."""
     empty = np.zeros(0)
     attrs = {"shaft": machine.reference, "measured_on": "", "tachometer": "", "nominal": 0}
     return xr.Dataset(
@@ -314,7 +314,7 @@ def no_speed(machine: Machine) -> xr.Dataset:
 
 
 def parts_of_average(machine: Machine, component: str) -> list[Unmeasured]:
-    """Return for every part why an average over a component does not judge it."""
+    """Return for every component the reason why an average does not assess it."""
     bodies = machine.kinematics.bodies
     own = {component, component.rpartition(" ")[0], *(link for link in bodies if bodies[link] == bodies[component])}
     found = []

@@ -1,7 +1,8 @@
 """Analysis of one channel over its segments: spectra averaged by power, lines measured once.
 
-Spectra are averaged over blocks of one number of turns. Of the levels in the table of indicators (RMS) the root mean
-square over the segments is taken, of the others and of the judgement of gears the median, both weighted by turns.
+Spectra are averaged over blocks of equal numbers of revolutions. Levels in the table of indicators (RMS) are the root
+mean square over the segments; other indicators, and the assessment of gears, are medians. Both are weighted by
+revolutions.
 """
 
 import math
@@ -76,9 +77,9 @@ class AnalysedChannel:
     """Spectra, measured lines, indicators, gears and sensor health of one channel, over all of its segments.
 
     `analysed_s` of `duration_s` are in whole revolutions, of which the longest segment has `revolutions`; `left_out`
-    has the gaps in words, `failed` why segments were left out. Spectra of so many `blocks` were averaged, which left
-    the share `noise_left` of the power of noise.
-    `teeth` has the envelopes of gears whose teeth stand out, of each segment by component.
+    describes the gaps, `failed` states why segments were omitted. Spectra of `blocks` blocks were averaged;
+    `noise_left` is the remaining share of the noise power. `teeth` has, by component, the envelopes of gears with a
+    tooth that stands out, one per segment.
     """
 
     name: str
@@ -111,13 +112,13 @@ class AnalysedChannel:
 
     @property
     def faulty(self) -> bool:
-        """Whether the sensor is faulty, so that nothing estimated from it is reliable."""
+        """Whether the sensor is faulty, so that no estimate from it is reliable."""
         return self.condition is not None and self.condition.status == "faulty"
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
-    """What one segment gives besides its spectra."""
+    """Results of one segment other than spectra."""
 
     turns: float
     analysed_s: float
@@ -131,12 +132,12 @@ class _Part:
 
 
 def read_anew(segments: Sequence[Segment]) -> Iterator[Segment]:
-    """Yield segments; of several each a new one, so that its samples leave the memory with it."""
+    """Yield the segments, copied if there are several, so that the samples of each are freed after use."""
     yield from segments if len(segments) == 1 else (replace(one, averages={}) for one in segments)
 
 
 def _analysable(segments: Sequence[Segment], failed: dict[int, str]) -> Iterator[Segment]:
-    """Yield the segments that can be resampled over angle; raise where none can, such as of a shaft at rest."""
+    """Yield the segments that can be resampled in angle; raise if none can, as for a shaft at rest."""
     for number, segment in enumerate(read_anew(segments)):
         try:
             _ = segment.signal
@@ -158,10 +159,10 @@ def analyse_channel(
     channels: int,
     draw: Callable[[Segment, AnalysisSettings], ChannelPictures],
 ) -> AnalysedChannel:
-    """Return the analysis of a channel, one of `channels`; `machine` is that of all parts of the record.
+    """Return the analysis of one of `channels`; `machine` is that of the whole record.
 
-    `draw` makes the pictures, those of the first segment.
-    The histories in `baseline` are updated by those of the segments whose indicators are taken.
+    `draw` adds the pictures of the first segment. The histories in `baseline` are updated by the segments whose
+    indicators are used.
     """
     first = channel.segments[0]
     name, units, rate_hz = first.name, first.units, first.when.rate_hz
@@ -259,10 +260,10 @@ def analyse_channel(
 
 
 def _block_turns(segments: Sequence[Segment], *, early_s: float) -> float:
-    """Return the turns in each block whose spectra are averaged: those with which a weak line stands out most.
+    """Return the number of revolutions per averaged block that is best for detecting a weak line.
 
-    With K blocks of M turns the power of a line over the scatter of the noise's grows as ``M sqrt(K)``. Envelopes end
-    up to `early_s` before their segment.
+    With K blocks of M revolutions, the power of a line over the scatter of the noise power grows as ``M sqrt(K)``.
+    Envelopes end up to `early_s` before their segment.
     """
     if len(segments) == 1:
         return segments[0].turns
@@ -277,7 +278,7 @@ def _block_turns(segments: Sequence[Segment], *, early_s: float) -> float:
 
 
 def _with_passed_mains(lines: Sequence[MeasuredLine], segment: Segment) -> list[MeasuredLine]:
-    """Return the sidebands of a spectrum with what lines of the mains leak to them while the speed passes them."""
+    """Return the sidebands of a spectrum with the leakage from mains harmonics that the speed sweeps past."""
     found = []
     for line in lines:
         leakage = line.line.leakage
@@ -288,16 +289,16 @@ def _with_passed_mains(lines: Sequence[MeasuredLine], segment: Segment) -> list[
 
 
 def _unless_passed_mains(line: UnexplainedLine, segment: Segment) -> UnexplainedLine:
-    """Return an unexplained line with the line of the mains that the speed passes there, if it makes most of it."""
+    """Return an unexplained line, attributed to a mains harmonic swept past if that accounts for most of it."""
     amplitude, name = _passed_mains(line.order, segment)
     return replace(line, might_be=name) if amplitude > LEAKAGE_SHARE * line.amplitude else line
 
 
 def _passed_mains(order: float, segment: Segment) -> tuple[float, str]:
-    """Return the largest amplitude that a line of the mains leaves at an order while the speed passes it, and its name.
+    """Return the largest amplitude at an order due to a mains harmonic that the speed sweeps past, and its name.
 
-    A line of constant frequency f and amplitude A leaves ``A |sum w exp(2 pi j (f t - order revolutions))| / sum w`` at
-    an order, most of it where the speed dwells at f over the order.
+    A line of constant frequency f and amplitude A contributes ``A |sum w exp(2 pi j (f t - order revolutions))| / sum
+    w`` at an order, mostly while the speed is near f over the order.
     """
     when, phase, speeds_hz = segment.when, segment.machine.phase, segment.machine.speeds_hz
     passed = [
@@ -324,7 +325,7 @@ def _passed_mains(order: float, segment: Segment) -> tuple[float, str]:
 
 
 def _blocks(signal: AngularSignal, turns: float, *, single: bool) -> Iterator[AngularSignal]:
-    """Yield the blocks of so many turns that a signal holds, evenly spread over it; all of a `single` segment."""
+    """Yield blocks of a number of revolutions, evenly spread over a signal; the whole signal of a `single` segment."""
     size = signal.values.size if single else round(turns * signal.samples_per_rev)
     count = signal.values.size // size
     for start in np.linspace(0, signal.values.size - size, count).astype(int).tolist() if count > 1 else [0] * count:
@@ -333,7 +334,7 @@ def _blocks(signal: AngularSignal, turns: float, *, single: bool) -> Iterator[An
 
 
 def _part(segment: Segment, settings: AnalysisSettings, baseline: Baseline, *, channels: int) -> _Part:
-    """Return what one segment gives besides its spectra."""
+    """Return the results of one segment other than spectra."""
     signal, phase, values = segment.signal, segment.machine.phase, segment.values
     turns = signal.values.size / signal.samples_per_rev
     ends = phase.times_at(np.array([signal.start_rev, signal.start_rev + turns]))
@@ -365,14 +366,14 @@ def _part(segment: Segment, settings: AnalysisSettings, baseline: Baseline, *, c
 
 
 def weighted_median(values: Sequence[float], weights: Sequence[float]) -> int:
-    """Return the place of the lower weighted median: the least of which, and below, half of the weight is."""
+    """Return the index of the lower weighted median: the smallest value with half of the weight at or below it."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(np.asarray(weights)[order])
     return int(order[np.searchsorted(total, total[-1] / 2)])
 
 
 def _pooled_indicators(parts: Sequence[_Part], baseline: Baseline) -> list[IndicatorValue]:
-    """Return one row for each indicator of any segment, and add its history to the baseline."""
+    """Return one row per indicator over all segments, and add its history to the baseline."""
     rows: dict[tuple[str, str, str], list[tuple[IndicatorValue, _Part]]] = {}
     for part in parts:
         for row in part.indicators:
@@ -395,7 +396,7 @@ def _pooled_indicators(parts: Sequence[_Part], baseline: Baseline) -> list[Indic
 
 
 def _pooled_gears(parts: Sequence[_Part]) -> list[GearJudgement]:
-    """Return the judgement of each gear in the segment with its median strength, of those that can be judged."""
+    """Return the assessment of each gear in the segment of median strength, among those that can be assessed."""
     if len(parts) == 1:
         return parts[0].gears
     rows: dict[str, list[tuple[GearJudgement, float]]] = {}
@@ -411,7 +412,7 @@ def _pooled_gears(parts: Sequence[_Part]) -> list[GearJudgement]:
 
 
 def _pooled_condition(name: str, channel: ChannelSegments, parts: Sequence[_Part]) -> SensorCondition | None:
-    """Return the condition of a sensor: the worst of any segment, but faulty only where it is for half of the turns."""
+    """Return the condition of a sensor: the worst of any segment, but faulty only if so for half of the revolutions."""
     known = [(part.health, part.turns) for part in parts if part.health is not None]
     if not known:
         return None
@@ -455,7 +456,7 @@ class _Pool:
 
     @staticmethod
     def add(pool: "_Pool | None", spectrum: AmplitudeSpectrum, *, single: bool) -> "_Pool":
-        """Return the pool with another spectrum, of which only the power is kept unless it is a `single` one."""
+        """Return the pool with another spectrum added; only its power is kept unless it is `single`."""
         power = spectrum.amplitude**2
         if pool is None:
             empty = replace(spectrum, amplitude=power[:0], complex_amplitude=np.zeros(0, dtype=np.complex128))
@@ -487,7 +488,7 @@ class _Envelope:
 
 @dataclass(frozen=True, kw_only=True)
 class _Envelopes:
-    """Pooled spectra of the envelopes of bands, up to the order `last`; parts make lines from the order `slowest` on.
+    """Pooled spectra of the envelopes of bands, up to the order `last`; `slowest` is the lowest order of a component.
 
     The envelopes of several segments are pooled relative to their levels.
     """
@@ -515,11 +516,11 @@ class _Envelopes:
 
     @property
     def end_s(self) -> float:
-        """Time in s by which envelopes end before the samples at most: half of a cycle of their highest frequency."""
+        """Largest time in s by which envelopes end before the samples: half a cycle of their highest frequency."""
         return 1 / (2 * self.highest_hz) if self.bands else 0.0
 
     def add(self, segment: Segment, block: float, *, single: bool) -> None:
-        """Add the envelopes of a segment, some at once, in blocks of so many turns."""
+        """Add the envelopes of a segment, several at a time, in blocks of a number of revolutions."""
         if not self.bands:
             return
         try:
@@ -547,7 +548,7 @@ class _Envelopes:
                     self.pools[band] = _Pool.add(self.pools.get(band), spectrum, single=single)
 
     def _over_angle(self, segment: Segment) -> Iterator[AngularSignal]:
-        """Yield the envelope of each band over angle; some are resampled together."""
+        """Yield the envelope of each band over angle, resampled several at a time."""
         when = segment.when
         envelopes = bank_envelopes(
             segment.filled,
@@ -584,9 +585,9 @@ def _assessed_envelopes(
     searches: int,
     width: float,
 ) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...]]:
-    """Return the envelope with the strongest evidence, what all bands show, and the evidence of it.
+    """Return the envelope with the strongest evidence, the lines in all bands, and their evidence.
 
-    Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
+    Bands with most of their power in lines of meshes and shafts are avoided: these lines beat with one another.
     """
     name, units = segments[0].name, segments[0].units
     if not envelopes.bands:
@@ -639,7 +640,7 @@ def _assessed_envelopes(
 def _unresolved(
     evidence: Iterable[PartEvidence], expected: Sequence[ExpectedLine], resolution: float
 ) -> list[PartEvidence]:
-    """Return the evidence of pooled segments: of parts whose lines are not resolved each may have made that of all."""
+    """Return the evidence of pooled segments: that of components with unresolved lines may come from any of them."""
     orders = {(line.component, line.kind): line.order for line in expected if line.fundamental}
     parts, found = list(evidence), []
     for part in parts:
@@ -664,7 +665,7 @@ def _unresolved(
 
 
 def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
-    """Return the evidence for a part, hidden where its line follows the clock and not the shaft."""
+    """Return the evidence for a component, masked if its line is constant in frequency, not in order."""
     if part.hidden_by or part.strength < 3 * LEAST_STRENGTH:  # half of the least that names a part in minutes
         return part
     band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
@@ -711,7 +712,7 @@ def _bands_to_search(
 
 
 def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:
-    """Return the orders that the drawing explains."""
+    """Return the orders explained by the gearbox."""
     return drawn_orders(
         machine.defect_orders,
         bearing_kinds=BEARING_KINDS,
@@ -721,7 +722,7 @@ def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:
 
 
 def setting_of(machine: Machine) -> Setting:
-    """Return what of the machine explains lines of an envelope."""
+    """Return the sources in the machine that explain lines of an envelope."""
     speeds = machine.speeds_hz
     return Setting(
         shafts=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0})),
@@ -733,7 +734,7 @@ def setting_of(machine: Machine) -> Setting:
 
 
 def _mesh_share(envelope: _Envelope, loud: Sequence[MeasuredLine], machine: Machine) -> float:
-    """Return the share of a band's power that significant lines of meshes and shafts, `loud`, have at any speed."""
+    """Return the largest share, over speed, of a band's power in significant lines of meshes and shafts, `loud`."""
     slow, fast = float(machine.speeds_hz.min()), machine.top_speed_hz
     power = sum(
         line.line.amplitude**2 / 2
@@ -758,13 +759,13 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
 
 
 def _spectrum_end(expected: Iterable[ExpectedLine], stated: float | None, highest: float) -> float:
-    """Return the highest order of a spectrum: as stated, or sufficient for all expected lines; at most `highest`."""
+    """Return the highest order of a spectrum: as specified, or sufficient for all expected lines; at most `highest`."""
     needed = _MARGIN * (max((line.order + line.tolerance for line in expected), default=0.0) + 1.0)
     return min(stated or max(needed, _LEAST_ORDERS), highest)
 
 
 def _with_sidebands(envelope: _Envelope, bearings: Iterable[BearingOrders]) -> list[MeasuredLine]:
-    """Return the measured sidebands of every bearing fundamental, spaced as its kind of defect modulates it."""
+    """Return the measured sidebands of every bearing fundamental, at the spacing of its kind of defect."""
     by_name = {bearing.name: bearing for bearing in bearings}
     sidebands: list[MeasuredLine] = []
     for line in envelope.lines:

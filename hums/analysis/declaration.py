@@ -1,17 +1,15 @@
-"""Whether a record shows what was declared of its angle: speed, pulses per revolution, shaft, synchronous clock.
+"""Test of the declared angle against the record: speed, pulses per revolution, shaft, synchronous clock.
 
-Under a declaration every shaft and mesh is a family of lines at harmonics of its order, every bearing one in an
-envelope. What speaks for a line is how seldom a window like its own, laid at random in the octaves about it, holds a
-peak as large, the chance ``p``, turned into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk and
-Wang 2021, "E-values: calibration, combination and applications", the mean over all exponents of their calibrators),
-whose mean is one where chance alone decides. A line that a family has with probability ``q`` then speaks for it with
-``1 - q + q (2 e - 1)``, and a family that shows at all with probability `_VISIBLE` with their product. Families
-multiply.
+Under a declaration every shaft and mesh is a family of lines at harmonics of its order, and every bearing one in an
+envelope. The significance of a line is the probability ``p`` that an equal window placed at random in the octaves
+around it holds a peak as large, converted into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk
+and Wang 2021, "E-values: calibration, combination and applications", the mean over all exponents of their calibrators),
+whose mean is one under chance alone. A line that is present with probability ``q`` contributes the factor ``1 - q + q
+(2 e - 1)``, and a family, visible with probability `_VISIBLE`, the product of these. Families are multiplied.
 
-Its rivals are what is true where it is wrong: the speed is another by a whole number or the ratio of two shafts, or a
-nominal one by some per cent; or the angle follows the shaft with a delay or by another clock, so that in a record whose
-speed changes lines stand or spread in proportion to their order. Modes of a sound machine's path delay lines, too, by
-up to `_PATH_S`.
+The alternatives are: the speed is wrong by an integer factor or the ratio of two shafts, or a nominal one by a few
+percent; or the angle lags the shaft or has another clock, so that at varying speed lines shift or spread in proportion
+to their order. Modes of a sound transfer path also delay lines, by up to `_PATH_S`.
 """
 
 import math
@@ -30,10 +28,10 @@ from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
 CONFIRMED = math.log(20)
-"""Evidence from which on a declaration is confirmed: odds of twenty against chance."""
+"""Evidence above which a declaration is confirmed: odds of twenty against chance."""
 
 CONTRADICTED = math.log(1000)
-"""Evidence that a rival needs, for itself and over the declared one, to be taken for what the record shows."""
+"""Evidence that an alternative needs, by itself and over the declared one, to be accepted."""
 
 _MESH = (0.95, 0.7, 0.5, 0.35, 0.25, 0.2)  # of a mesh that shows: the share of machines whose harmonic does
 _SHAFT = (0.95, 0.6, 0.4, 0.3, 0.25, 0.2)
@@ -56,11 +54,11 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """What a record says of the declared angle.
+    """Result of testing the declared angle of a record.
 
-    `contradiction` says what it shows instead, `doubt` why it is not sure; both are empty where it is confirmed.
-    `explained` says that what it shows is known, so that it may look like another drawing in spite of the right one.
-    `speed_ratio` is that of the speed which the record shows to a nominal one, 1 where it shows none.
+    `contradiction` states what the record shows instead, `doubt` why it is inconclusive; both are empty if it is
+    confirmed. `explained`: the discrepancy is known, so that the record may resemble another gearbox although the
+    declared one is right. `speed_ratio` is the measured speed over the nominal one, 1 if not measured.
     """
 
     contradiction: str = ""
@@ -68,12 +66,12 @@ class Declaration:
     explained: bool = False
     speed_ratio: float = 1.0
     note: str = ""
-    """How the speed was declared, and which the record shows."""
+    """Declared speed, and the speed that the record shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Peaks:
-    """Peaks of a spectrum from 0 to `end`: places and sizes over their background."""
+    """Peaks of a spectrum from 0 to `end`: positions, and sizes over their background."""
 
     places: Numbers
     sizes: Numbers
@@ -98,14 +96,14 @@ class _Peaks:
 
     @cached_property
     def rates(self) -> Numbers:
-        """Peaks as large as each, itself among them, per order in the octaves about it."""
+        """Density of peaks at least as large as each, including itself, per order in the octaves around it."""
         margin = 100 * self.bin_width
         low, high = np.maximum(self.places / 2 - margin, 0), np.minimum(2 * self.places + margin, self.end)
         near = (self.places > low[:, None]) & (self.places < high[:, None])
         return np.asarray((near & (self.sizes >= self.sizes[:, None])).sum(axis=1) / (high - low))
 
     def log_evidence(self, orders: Numbers, half: Numbers, shares: Numbers) -> Numbers:
-        """Return the logarithm of the evidence of lines together, (..., line) to (...,)."""
+        """Return the logarithm of the joint evidence of lines, (..., line) to (...,)."""
         first, last = np.searchsorted(self.places, orders - half), np.searchsorted(self.places, orders + half)
         rarest = np.full(orders.shape, np.inf)
         for step in range(int((last - first).max(initial=0))):
@@ -115,7 +113,7 @@ class _Peaks:
 
 
 def _of_family(chance: Numbers, shares: Numbers) -> Numbers:
-    """Return the logarithm of the evidence of lines together, along the last axis, from the chance of each."""
+    """Return the logarithm of the joint evidence of lines along the last axis, from the probability of each."""
     p = np.clip(chance, 1e-12, 1 - 1e-6)
     log = np.log(p)
     against_chance = np.where(chance > 1 - 1e-3, 0.5, (1 - p + p * log) / (p * log**2))
@@ -123,14 +121,14 @@ def _of_family(chance: Numbers, shares: Numbers) -> Numbers:
 
 
 def _if_it_shows(share: float, evidence: float | Numbers) -> Numbers:
-    """Return the logarithm of the evidence of what a share of machines shows, from that of its showing."""
+    """Return the logarithm of the evidence of a feature that a share of machines shows, from that of its presence."""
     return np.asarray(np.logaddexp(math.log(1 - share), math.log(share) + evidence))
 
 
 def judged_declaration(
     channels: Sequence[tuple[AmplitudeSpectrum, Sequence[BandEvidence]]], machine: Machine, *, slip: float
 ) -> Declaration:
-    """Return what the order spectra and envelopes of channels say of the declared angle of a machine."""
+    """Test the declared angle of a machine against the order spectra and envelopes of its channels."""
     comb = _Comb(machine, slip)
     spectra = [
         (_Peaks.of(one), [_Peaks.of_band(band) for band in bands if band.orders.size]) for one, bands in channels
@@ -141,7 +139,7 @@ def judged_declaration(
     path = _PATH_S * float(np.ptp(speeds)) / speeds.size  # by which modes of a sound machine's path move lines
 
     def of_lines(ratio: float, spread: float = path) -> float:
-        """Return the evidence of shafts and meshes that the true speed has this ratio to the declared one."""
+        """Return the evidence of shafts and meshes for this ratio of the true speed to the declared one."""
         return max(float(comb.of_lines(peaks, np.array([ratio]), spread)[0]) for peaks, _ in spectra)
 
     def of_bearings(ratio: float) -> float:
@@ -193,7 +191,7 @@ def judged_declaration(
 def _likely_rivals(
     machine: Machine, of_lines: Callable[[float], float], of_bearings: Callable[[float], float], declared: float
 ) -> Iterator[tuple[float, str]]:
-    """Yield the evidence of each rival that bearings may lift over the declared one, with its words."""
+    """Yield the evidence of each alternative that bearings may raise above the declared one, with its description."""
     for words, ratio in _rivals(machine):
         lines = of_lines(ratio)
         if lines > declared - _BEARINGS_AT_MOST:
@@ -201,7 +199,7 @@ def _likely_rivals(
 
 
 def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
-    """Yield what may be true where a declaration is wrong, in words, with its speed over the declared one."""
+    """Yield the alternatives to a declaration, in words, with their speed over the declared one."""
     source = machine.source
     orders = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0}
     for factor in (*_FACTORS, *(1 / one for one in _FACTORS)):
@@ -219,7 +217,7 @@ def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
 
 
 def _late_words(machine: Machine, ratio: float) -> str:
-    """Return what moves lines to a ratio of their order: a delay by ``delay * (change of speed) / turns``."""
+    """Return the cause of lines at a ratio of their order: ``delay * (change of speed) / turns``."""
     speeds, words = machine.speeds_hz, f"the lines of shafts and meshes stand at {ratio:.6g} times their order, as of "
     clock = f"a clock that is {1e6 * abs(ratio - 1):.0f} ppm off"
     change = float(speeds[-1] - speeds[0])
@@ -231,7 +229,7 @@ def _late_words(machine: Machine, ratio: float) -> str:
 
 
 class _Comb:
-    """The families of lines of a machine: of meshes and shafts in its spectrum, of bearings in its envelopes."""
+    """Line families of a machine: meshes and shafts in its spectrum, bearings in its envelopes."""
 
     def __init__(self, machine: Machine, slip: float) -> None:
         rows = machine.defect_orders
@@ -242,7 +240,7 @@ class _Comb:
         self.bearings = sorted({row.order for row in rows if row.kind in BEARING_KINDS and row.order > 0})
 
     def of_lines(self, peaks: _Peaks, ratios: Numbers, spread: float) -> Numbers:
-        """Return the logarithm of the evidence of shafts and meshes in an order spectrum, at ratios near each other."""
+        """Return the logarithm of the evidence of shafts and meshes in an order spectrum, at neighbouring ratios."""
         total = np.zeros(ratios.size)
         for lines, shares in self._families(peaks, float(ratios[0]), spread):
             orders = np.outer(ratios / ratios[0], lines)
@@ -250,7 +248,7 @@ class _Comb:
         return total
 
     def _families(self, peaks: _Peaks, ratio: float, spread: float) -> Iterator[tuple[Numbers, Numbers]]:
-        """Yield the lines of each mesh and shaft that a spectrum holds apart from those before, and their shares."""
+        """Yield the lines of each mesh and shaft in a spectrum that differ from preceding ones, and their shares."""
         taken = np.zeros(0)
         for order, shares in [*((one, _MESH) for one in self.meshes), *((one, _SHAFT) for one in self.shafts)]:
             lines: Numbers = order * ratio * np.arange(1.0, len(shares) + 1, dtype=np.float64)
@@ -271,9 +269,9 @@ class _Comb:
     def shown_ratio(
         self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float, *, reach: float, path: float
     ) -> float | None:
-        """Return the ratio to the declared speed of the one that shows, within a reach; None where none is sure.
+        """Return the ratio of the measured to the declared speed within a range; None if uncertain.
 
-        It has to show in spite of the number of speeds that are tried, and no other may be as likely.
+        It must be significant for the number of speeds tried, and no other may be as likely.
         """
         finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, self.top) for peaks, _ in spectra)
         ratios = 1 + np.arange(-reach, reach, max(finest, 2 * reach / _MOST_SPEEDS))
@@ -294,7 +292,7 @@ class _Comb:
         return float(ratios[best]) if shows and another and total[best] - others.max() >= CONFIRMED else None
 
     def _of_bearing(self, peaks: _Peaks, order: float) -> float:
-        """Return the evidence of a part's harmonics: of its largest peak within the slip, and of multiples of that."""
+        """Return the evidence of a component's harmonics: its largest peak within the slip, and multiples of that."""
         shares, within = np.array(_BEARING), np.abs(peaks.places - order) <= peaks.half(np.array(order), self.slip)
         if order > peaks.end or not within.any():
             return float(np.log1p(-shares).sum())

@@ -45,8 +45,7 @@ class ExpectedLine:
 class MeasuredLine:
     """An expected line as measured in the spectrum of one channel.
 
-    `level` is the mean of the envelope whose spectrum it is, 0 of an order spectrum; `searches` the number of bands in
-    which it was looked for.
+    `level` is the mean of its envelope, 0 in an order spectrum; `searches` the number of bands searched.
     """
 
     expected: ExpectedLine
@@ -59,7 +58,7 @@ class MeasuredLine:
 
     @property
     def depth(self) -> float:
-        """Amplitude over the mean of the envelope: how deeply the defect modulates the band."""
+        """Modulation depth: amplitude over the mean of the envelope."""
         return self.line.amplitude / self.level if self.level > 0 else 0.0
 
     @property
@@ -208,12 +207,12 @@ def search(
     background_width: float = BACKGROUND_WIDTH,
     seen: float = 1.0,
 ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
-    """Return the lines measured in one spectrum, and the expected ones out of its range.
+    """Return the lines measured in one spectrum, and the expected ones outside its range.
 
-    The background of a line is measured within `background_width` orders on either side; the leakage of others to it
-    where noise makes it with a probability up to `seen`.
+    The background of a line is measured within `background_width` orders on either side; the leakage of others to it if
+    its false-alarm probability is at most `seen`.
 
-    Out of range are lines above the end of the spectrum, and those with too few bins for a background.
+    Outside the range are lines above the end of the spectrum, and those with too few bins for a background.
     """
     looked_for, found, out_of_range = list(expected), [], []
     results = find_lines(
@@ -242,7 +241,7 @@ def search(
 
 
 def _closer(line: ExpectedLine) -> float:
-    """Return the orders on either side within which the background is measured again, NaN for none."""
+    """Return the orders on either side of the second background measurement, NaN for none."""
     if line.spectrum == ENVELOPE:
         return line.order / 2
     return _CLOSE_ORDERS if line.kind == "tooth" else math.nan

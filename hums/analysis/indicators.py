@@ -1,9 +1,9 @@
 """Condition indicators of a channel: of the raw signal, shafts, gears, planetary stages and bearings.
 
 Indicators of shafts and gears on fixed axes are computed from the synchronous average of their shaft, whose order is
-exact; residual and difference signal exclude the meshes of every gear on that shaft. Those of bearings are computed
-from the envelope spectrum, those of planetary stages in `hums.analysis.indicators`. A faulty sensor has the raw RMS
-only.
+exact; residual and difference signals exclude the meshes of every gear on that shaft. Those of bearings are computed
+from the envelope spectrum, those of planetary stages in `hums.analysis.indicators`. For a faulty sensor, only the raw
+RMS is given.
 """
 
 import json
@@ -64,7 +64,7 @@ class Baseline:
         return history
 
     def copy(self) -> "Baseline":
-        """Return the same histories, which a segment may update by itself."""
+        """Return a copy of the histories, which a segment may update."""
         return replace(self, histories=dict(self.histories))
 
     def take(self, key: Key, other: "Baseline") -> None:
@@ -308,14 +308,14 @@ def planetary_indicators(segment: Segment, settings: AnalysisSettings, baseline:
 def carrier_sideband_ratio(
     monitored: MonitoredComponent, stage: PlanetaryStage, average: Callable[[], SynchronousAverage]
 ) -> IndicatorValue:
-    """Return the ratio of the sidebands that evenly spaced planets cancel to those they do not."""
+    """Return the ratio of the sidebands that evenly spaced planets cancel to the others."""
     teeth = stage.teeth
 
     def ratio() -> float:
         if stage.misfit:
             raise ValueError(stage.misfit)
         if any(place != Fraction(k, teeth.planets) for k, place in enumerate(teeth.positions_rev)):
-            raise ValueError("planets that are not evenly spaced leave every sideband, also in health.")
+            raise ValueError("planets that are not evenly spaced cancel no sideband, even in health.")
         found = INDICATORS["carrier_sideband_ratio"](
             average(), ring_teeth=teeth.ring, planets=teeth.planets, harmonic=1, sidebands=teeth.planets
         )
@@ -413,13 +413,13 @@ def raw_indicators(segment: Segment) -> Iterator[IndicatorValue]:
 
 
 def averaged_indicators(segment: Segment, settings: AnalysisSettings, baseline: Baseline) -> list[IndicatorValue]:
-    """Return the indicators that come from averages over turns: of shafts, gears and planetary stages."""
+    """Return the indicators computed from synchronous averages: of shafts, gears and planetary stages."""
     rows = [*_fixed_axis_indicators(segment, settings, baseline)]
     return [*rows, *planetary_indicators(segment, settings, baseline)]
 
 
 def not_averaged(name: str, units: str, made: Sequence[IndicatorValue]) -> list[IndicatorValue]:
-    """Return the other indicators of a channel of snapshots, withheld: turns of several cannot be averaged."""
+    """Return the other indicators of snapshots, withheld: revolutions of several snapshots cannot be averaged."""
     whole = MonitoredComponent(channel=name, units=units, component="record", kind="channel")
     why = "the angle from one snapshot to the next is not known, so that turns of several cannot be averaged."
     known = {row.indicator for row in made}
@@ -455,7 +455,7 @@ def shaft_average(segment: Segment, body: str) -> SynchronousAverage:
     """Return the synchronous average of a shaft, over a number of revolutions that cancels the shafts in mesh with it.
 
     An average over a multiple of b revolutions has nulls at all orders of a mate that turns a/b times as fast. Mates
-    for which that would discard too many revolutions are not cancelled. It is made once for a segment.
+    for which that would discard too many revolutions are not cancelled. It is computed once per segment.
     """
     if body in segment.averages:
         return segment.averages[body]
@@ -506,8 +506,8 @@ def bearing_indicators(
 ) -> Iterator[IndicatorValue]:
     """Yield the modulation by each bearing defect over all bands, and the energy of its lines in the band shown.
 
-    That energy is relative to the background, too. The modulation is what verdicts are made from, of records in which
-    nothing is significant as well.
+    Energy is also given relative to the background. Verdicts are based on the modulation, which is given even if no
+    line is significant.
     """
     for part in evidence:
         of_part = MonitoredComponent(channel=name, units=units, component=part.component, kind=part.kind)

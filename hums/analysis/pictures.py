@@ -1,6 +1,6 @@
-"""What pictures need besides spectra and tracks: waveforms, wideband spectra, order maps, averages and kurtograms.
+"""Data of the report other than spectra and tracks: waveforms, wideband spectra, order maps, averages, kurtograms.
 
-They are made while a channel's samples are in memory, at the resolution of a screen, and enter no verdict.
+They are computed while a channel's samples are in memory, at screen resolution, and do not affect verdicts.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -60,14 +60,14 @@ def picture_groups(pictures: Sequence[ChannelPictures]) -> dict[str, xr.Dataset]
 
 
 def pictures_of(analysis: xr.DataTree, name: str) -> Iterator[tuple[str, xr.Dataset]]:
-    """Yield channel and dataset of each picture of a kind; nothing where the analysis was made without them."""
+    """Yield channel and dataset of each picture of a kind; none if the analysis has none."""
     if name in analysis.children:
         for channel, child in analysis.children[name].children.items():
             yield channel, child.to_dataset(inherit=False)
 
 
 def _waveform(values: Values, when: Sampling) -> xr.Dataset:
-    """Return the least and largest sample of every column, and the samples around the largest deviation in full."""
+    """Return the minimum and maximum of every column, and all samples around the largest deviation."""
     starts = np.arange(0, values.size, -(-values.size // _COLUMNS))
     mean = values.mean(dtype=np.float64)
     peak = int(np.argmax(values)) if values.max() - mean >= mean - values.min() else int(np.argmin(values))
@@ -88,7 +88,7 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
 
 
 def _wideband(segment: Segment) -> xr.Dataset:
-    """Return the amplitude spectrum over frequency, from 0 to half the sampling rate, averaged in power over blocks."""
+    """Return the amplitude spectrum over frequency, from 0 to half the sampling rate, power-averaged over blocks."""
     size = min(_WIDEBAND_SAMPLES, segment.filled.size)
     found = averaged_spectrum(segment.filled, rate=segment.when.rate_hz, segment=size, scaling="peak")
     return xr.Dataset(
@@ -151,7 +151,7 @@ def _averages(segment: Segment, settings: AnalysisSettings) -> xr.Dataset:
             size, turns = average.values.size, average.revolutions
             rows.append({"component": component, "teeth": teeth, "revolutions": turns, "size": size})
     if not rows:
-        raise ValueError("no synchronous average could be made.")
+        raise ValueError("no synchronous average could be computed.")
     table = {name: ("gear", [row[name] for row in rows]) for name in rows[0]}
     return xr.Dataset(
         {"average": ("angle", np.concatenate(averages)), "difference": ("angle", np.concatenate(differences))} | table

@@ -1,9 +1,8 @@
 """Analysis of one record: from record, gearbox and settings to spectra, lines, tracks, indicators and findings.
 
 An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order_spectrum`, `/envelope`, `/tracks`,
-`/envelope_tracks`, `/indicators` and `/findings` (see `hums.analysis.result`), what verdicts rest on
-(`hums.analysis.verdicts`), and what pictures need (`hums.analysis.pictures`); reports and scores are made from it
-alone.
+`/envelope_tracks`, `/indicators` and `/findings` (see `hums.analysis.result`), the evidence of verdicts
+(`hums.analysis.verdicts`), and the data of plots (`hums.analysis.pictures`); reports and scores use nothing else.
 """
 
 import logging
@@ -80,9 +79,9 @@ def analyze(
     Parameters
     ----------
     record : xarray.Dataset, str or Path
-        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. Of
-        an average in angle (`hums.AngularAverage`) the indicators are made that it allows, and nothing is judged.
-        Snapshots (`hums.join_snapshots`) are segments: their spectra are averaged in power, and judged once.
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. For
+        an average in angle (`hums.AngularAverage`) only the applicable indicators are computed, and nothing is judged.
+        Snapshots (`hums.join_snapshots`) are segments: their spectra are power-averaged, and judged once.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -98,11 +97,9 @@ def analyze(
         lines of components with a finding), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
         `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
 
-    Notes
-    -----
-    A record is analysed in segments (`hums.analysis.segments`): one of more than 4,000,000 samples a channel is cut
-    into equal parts, and a gap ends a segment. Spectra are averaged by power, lines and parts judged once; of
-    indicators and gears the median segment is taken, weighted by turns (`hums.analysis.channel`).
+    Notes ----- A record is analysed in segments (`hums.analysis.segments`): one of more than 4,000,000 samples per
+    channel is cut into equal parts, and a gap ends a segment. Spectra are power-averaged, lines and components judged
+    once; indicators and gears are those of the median segment, weighted by revolutions (`hums.analysis.channel`).
 
     Raises
     ------
@@ -209,7 +206,7 @@ def analyze(
 def _analysed(
     there: SegmentedRecord, settings: AnalysisSettings, baseline: Analysis | None, *, record: xr.Dataset
 ) -> tuple[Baseline, list[AnalysedChannel]]:
-    """Return the analysis of every channel that has segments, and the histories with what they add."""
+    """Return the analysis of every channel that has segments, and the updated histories."""
     usable = {name: one for name, one in there.channels.items() if one.segments}
     units = {name: one.segments[0].units for name, one in usable.items()}
     histories = read_baseline(baseline, settings, units=units)
@@ -329,7 +326,7 @@ def _tracks(
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Return the amplitude tracks of the strongest identified lines of every channel, and of envelope lines.
 
-    Of several segments the samples are read once more.
+    The samples of several segments are read again.
     """
     turns: dict[int, float] = {}
     for segment in (segment for channel in channels for segment in channel.segments):
@@ -409,7 +406,7 @@ def _notes(
 
 
 def _pooled_notes(channel: AnalysedChannel) -> Iterator[str]:
-    """Yield what the average over segments is of."""
+    """Yield a note on the segments that are averaged."""
     if len(channel.segments) == 1:
         return
     spectrum = channel.spectra[ORDER_SPECTRUM]

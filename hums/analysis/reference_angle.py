@@ -59,9 +59,8 @@ class SpeedFromVibration:
 class AngleSource:
     """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration.
 
-    `declared` is the declared speed with what the lines of the first channel say of it; `followed` says that they show
-    its changes, too. `contradiction` is what the record's other tachometers say against this one, `unusable` why some
-    are not used at all.
+    `declared` is the declared speed as refined by the lines of the first channel; `followed`: its changes are refined
+    too. `contradiction` states how other tachometers contradict this one, `unusable` why some are not used.
     """
 
     shaft: str
@@ -79,8 +78,8 @@ class AngleSource:
 class Machine:
     """Kinematics and defect orders of a gearbox, with the angle `phase` of its reference.
 
-    `ratio` is the number of turns of the reference per turn of the shaft in `source`. Of a record in parts, whose
-    angles are not connected, `phase` is that of the fastest, and `parts` has the machine in each.
+    `ratio` is the number of revolutions of the reference per revolution of the shaft in `source`. For a record in
+    parts, with unrelated angles, `phase` is that of the fastest part, and `parts` has the machine of each.
     """
 
     kinematics: Kinematics
@@ -147,9 +146,9 @@ class Machine:
     def phase_std_rad(self, times_s: NDArray[np.float64], *, bandwidth_orders: float) -> NDArray[np.float64]:
         """Return the standard deviation of the reference's angle in rad, within the bandwidth of a tracker.
 
-        Errors of single pulses are independent: of white errors at p pulses per revolution, the first-order smoother
-        of full -3 dB width B passes the share ``1.22 B / p`` of the variance (its equivalent noise bandwidth is
-        1.22 B). Errors of an estimated angle are slow, and pass in full.
+        Errors of single pulses are independent: of white errors at p pulses per revolution, the first-order smoother of
+        full -3 dB width B passes the share ``1.22 B / p`` of the variance (its equivalent noise bandwidth is 1.22 B).
+        Errors of an estimated angle are slow and pass unattenuated.
         """
         if self.source.estimated is not None:
             return np.full(times_s.size, 2 * math.pi * self.source.estimated.speed.phase_std_rev)
@@ -229,7 +228,7 @@ def together(machines: Sequence[Machine]) -> Machine:
 
 @dataclass(frozen=True, kw_only=True)
 class SolvedGearbox:
-    """What of a `Machine` the gearbox alone determines."""
+    """Part of a `Machine` that depends on the gearbox alone."""
 
     kinematics: Kinematics
     reference: str
@@ -238,7 +237,7 @@ class SolvedGearbox:
 
 
 def solved(gearbox: Gearbox) -> SolvedGearbox:
-    """Return a gearbox with one degree of freedom solved for its orders; raise AnalysisError for another."""
+    """Return a gearbox with one degree of freedom solved for its orders; raise AnalysisError for any other."""
     if not isinstance(gearbox, Gearbox):
         raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
     return _solved(gearbox)
@@ -263,7 +262,7 @@ def _solved(gearbox: Gearbox) -> SolvedGearbox:
 
 
 def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, settings: AnalysisSettings) -> None:
-    """Raise where the speed by the tachometer is mostly outside the declared range, or faster than any gearbox."""
+    """Raise if the speed by the tachometer is mostly outside the declared range, or implausibly high."""
     speed = float(np.median(np.abs(phase.mean_speed_per_revolution_hz())))
     low, high = settings.speed_range_hz or (0.0, _FASTEST_HZ)
     if low <= speed <= high:
@@ -361,9 +360,9 @@ def _declared_angle(
 def _followed(
     values: NDArray[np.float64], when: Sampling, phase: ShaftPhase, orders: Sequence[float]
 ) -> ShaftPhase | None:
-    """Return a declared angle with the changes of speed that its orders show, None where they show none.
+    """Return a declared angle with the speed changes shown by its orders, None if they show none.
 
-    Within a record a motor's speed changes by some thousandths, which is a tooth of a gear in a few hundred turns.
+    The speed of a motor varies by a few thousandths within a record, which is a tooth in a few hundred revolutions.
     """
     try:
         found = refine_phase(
@@ -381,7 +380,7 @@ def _followed(
 def _best_tachometer(
     record: xr.Dataset, names: Sequence[str], kinematics: Kinematics, reference: str, settings: AnalysisSettings
 ) -> AngleSource:
-    """Return the angle by the tachometer asked for, else by the best, with what the others say against it."""
+    """Return the angle by the requested or the best tachometer, with contradictions by the others."""
     sources, unusable = {}, []
     for name in names:
         try:
@@ -427,10 +426,10 @@ class _Tachometer:
 
 
 def _contradictions(found: Sequence[_Tachometer], reference: str) -> str:
-    """Return a sentence for each two tachometers that contradict each other by the drawing, joined.
+    """Return the joined sentences on pairs of tachometers that contradict each other by the gearbox ratio.
 
     With A and B the angles of the reference by both and v its speed, ``A - B = c + r B + d v`` is solved by least
-    squares: r is what their ratio is off, d the delay of B after A, which shows where the speed changes.
+    squares: r is the error of their ratio, d the delay of B after A, which is observable if the speed varies.
     """
     said = (_contradiction(one, other, reference) for one, other in combinations(found, 2))
     return "; ".join(filter(None, said))

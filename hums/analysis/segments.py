@@ -1,10 +1,10 @@
 """A record as a sequence of segments: parts of a channel without gaps, in which the angle of the reference is known.
 
-- A record in one piece is one segment. One with more than `LONGEST` samples a channel is cut into equal parts.
-- A gap, samples that are not finite, ends a segment, and the next begins after it.
-- Snapshots are given; of a few turns each, they are cut to whole eighths of one.
+- A record in one piece is one segment. One with more than `LONGEST` samples a channel is cut into equal parts. - A gap,
+samples that are not finite, ends a segment, and the next begins after it. - Each snapshot is one; of a few revolutions,
+it is cut to eighths of a revolution.
 
-A segment reads its samples when it is first asked for them.
+A segment reads its samples on first use.
 """
 
 import math
@@ -46,21 +46,21 @@ class Segment:
     Attributes
     ----------
     record : xarray.Dataset
-        The part of the record that holds them.
+        Part of the record that holds the samples.
     name : str
-        Of the channel.
+        Name of the channel.
     machine : Machine
-        With the angle of the reference in this part.
+        Machine with the angle of the reference in this part.
     part : int
         Number of the part of the record, counted from 0, which segments of other channels share.
     turns : float
-        Of the reference, whole ones or whole eighths.
+        Revolutions of the reference, whole or in eighths.
     parts_per_turn : int
-        8 of a snapshot, which is cut to whole eighths of a turn, else 1.
+        8 for a snapshot, which is cut to eighths of a revolution, else 1.
     last_order : float
         End of its order spectrum.
     averages : dict
-        Synchronous averages of shafts that were asked for.
+        Synchronous averages of shafts computed so far.
     """
 
     record: xr.Dataset
@@ -109,12 +109,12 @@ class Segment:
 
     @property
     def faulty(self) -> bool:
-        """Whether the sensor is faulty, so that nothing estimated from it is reliable."""
+        """Whether the sensor is faulty, so that no estimate from it is reliable."""
         return self.health is not None and self.health.status == "faulty"
 
     @cached_property
     def filled(self) -> Values:
-        """The samples, linearly interpolated where the sensor lost them."""
+        """Samples, with missing ones interpolated linearly."""
         if self.health is None or not self.health.missing.any():
             return self.values
         missing, places = self.health.missing, np.arange(self.values.size)
@@ -128,7 +128,7 @@ class Segment:
 
     @cached_property
     def signal(self) -> AngularSignal:
-        """The samples over the angle of the reference, up to `last_order`."""
+        """Samples over the angle of the reference, up to `last_order`."""
         return self.over_angle([self.values], self.when, self.last_order)[0]
 
     def over_angle(
@@ -179,22 +179,22 @@ def resample_in_angle(
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSegments:
-    """The segments of a channel, and what of it is left out.
+    """Segments of a channel, and the omitted parts.
 
     Attributes
     ----------
     segments : tuple of Segment
-        Those that can be analysed.
+        Segments that can be analysed.
     duration_s : float
-        Of all samples.
+        Duration of all samples.
     gaps : str
-        Number and place of samples that are not finite, in words; empty if there are none.
+        Number and position of samples that are not finite, in words; empty if none.
     missing : float
         Share of the samples that are not finite.
     condition : SensorCondition or None
-        Of a channel without segments.
+        Condition of the sensor of a channel without segments.
     why : str
-        Why no segment can be analysed; empty if one can.
+        Reason why no segment can be analysed, or empty.
     """
 
     segments: tuple[Segment, ...]
@@ -207,7 +207,7 @@ class ChannelSegments:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentedRecord:
-    """Segments by channel, the machine over all parts and in each, where each begins in s, and what is left out."""
+    """Segments by channel, the machine of the record and of each part, start times in s, and the omitted parts."""
 
     machine: Machine
     machines: Mapping[int, Machine]
@@ -217,7 +217,7 @@ class SegmentedRecord:
 
 
 def read(record: xr.Dataset, name: str) -> Values:
-    """Return the samples of a channel; a record that is open does not keep them."""
+    """Return the samples of a channel; an open record does not cache them."""
     return channel_values(record.isel({record[name].dims[-1]: slice(None)}), name)
 
 
@@ -234,8 +234,8 @@ def segmented(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) 
     """Return the segments of every channel of a record, with the angle of the reference in each.
 
     The angle of a tachometer is that of the whole record. A declared speed is refined, and an unknown one estimated, in
-    each part, from a channel without gaps in it; a part in which that fails is left out. A declared speed of snapshots
-    is taken as it is: a few turns do not refine it.
+    each part, from a channel without gaps in it; a part in which this fails is omitted. The declared speed of snapshots
+    is not refined, as they have few revolutions.
 
     Raises
     ------
@@ -280,7 +280,7 @@ def segmented(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) 
 def _parts(record: xr.Dataset, names: Sequence[str]) -> Iterator[tuple[str, xr.Dataset]]:
     """Yield the parts of a record, with a name for each.
 
-    Where the speed is to be found in a channel, a part ends at each gap of the channel with the fewest lost samples.
+    If the speed is estimated from a channel, a part ends at each gap of the channel with the fewest lost samples.
     """
     whens = [sampling(record, name) for name in names]
     count = max(math.ceil(when.count / LONGEST) for when in whens)
@@ -299,7 +299,7 @@ def _parts(record: xr.Dataset, names: Sequence[str]) -> Iterator[tuple[str, xr.D
 
 
 def _between(record: xr.Dataset, start_s: float, stop_s: float) -> xr.Dataset:
-    """Return what a record has from `start_s` to before `stop_s`, with all pulses of its tachometers."""
+    """Return the record from `start_s` up to `stop_s`, with all pulses of its tachometers."""
     slices = {}
     for name in names_of(record, "vibration", "waveform"):
         when = sampling(record, name)
@@ -310,7 +310,7 @@ def _between(record: xr.Dataset, start_s: float, stop_s: float) -> xr.Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class Scan:
-    """The runs of finite samples of a channel in one part, and whether all of these are one value."""
+    """Runs of finite samples of a channel in one part, and whether all have the same value."""
 
     count: int
     lost: int
@@ -349,7 +349,7 @@ def _channel_segments(
     machines: Mapping[int, Machine],
     parts_per_turn: int,
 ) -> ChannelSegments:
-    """Return the segments of a channel: its runs of finite samples that vary and hold a turn of the reference."""
+    """Return the segments of a channel: runs of finite, varying samples of at least one revolution of the reference."""
     segments: list[Segment] = []
     whole = len(parts) == 1 and not scans[0].lost
     why = ""

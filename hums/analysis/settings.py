@@ -1,4 +1,4 @@
-"""Settings of an analysis, and the error of one that cannot be made."""
+"""Settings of an analysis, and its error."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -11,7 +11,7 @@ Band = tuple[float, float]
 
 
 class AnalysisError(SentenceError):
-    """Raised where a record, gearbox or setting does not allow an analysis.
+    """Raised if a record, gearbox or setting does not permit an analysis.
 
     Examples
     --------
@@ -30,18 +30,18 @@ class AnalysisSettings(Declared):
     Attributes
     ----------
     channels : tuple of str, optional
-        Vibration channels to analyse; default all.
+        Vibration channels to analyse. Default: all.
     tachometer : str, optional
-        Tachometer that measures the shaft angle, where the record has several; default the first.
+        Tachometer that measures the shaft angle, if the record has several. Default: the first.
     speed_range_hz : (float, float), optional
-        Lowest and highest speed of the reference in rev/s. Needed where the record has neither a tachometer nor a
+        Lowest and highest speed of the reference in rev/s. Required if the record has neither a tachometer nor a
         declared speed: the speed is then estimated from the vibration. A tachometer whose median speed lies outside is
-        refused; without a range, above 750 rev/s.
+        refused; without a range, one above 750 rev/s.
     max_acceleration_hz_s : float, optional
         Highest rate of change of that speed in rev/s per second; given together with `speed_range_hz`.
     envelope_band_hz : (float, float), "auto" or None
-        Band to demodulate in Hz, for all channels; ``"auto"`` chooses one for each channel, of a bank of bands
-        where the gearbox has bearings; None leaves the envelope and the bearing lines out.
+        Band to demodulate in Hz, for all channels; ``"auto"`` chooses one for each channel, from a bank of bands if the
+        gearbox has bearings; None omits the envelope and the bearing lines.
     false_alarm_probability : float
         Probability that noise alone raises any finding in the record.
     harmonics : int
@@ -51,27 +51,26 @@ class AnalysisSettings(Declared):
     slip : float
         Largest relative deviation of a bearing line from its kinematic order.
     nominal_speed_tolerance : float
-        Largest relative deviation of any line from its order where the speed is declared and not measured.
+        Largest relative deviation of any line from its order if the speed is declared and not measured.
     max_order : float, optional
-        Upper end of the order spectrum; default a little above the highest expected line.
+        Highest order of the order spectrum. Default: just above the highest expected line.
     track_bandwidth_orders : float, optional
-        Full -3 dB width of the amplitude trackers in orders; default the maximum-likelihood one of each line, at most
-        0.1 orders.
+        Full -3 dB width of the amplitude trackers in orders. Default: the maximum-likelihood width of each line, at
+        most 0.1 orders.
     most_tracks : int
         Largest number of lines tracked in each channel, the strongest first; 0 for none.
     pictures : bool
-        Whether to keep what the report draws besides spectra and tracks: waveforms, order maps, synchronous averages
-        and kurtograms.
+        Whether to include the other data of the report: waveforms, order maps, synchronous averages and kurtograms.
     velocity_limits_mm_s : (float, float, float), optional
-        Largest RMS velocity in mm/s of the zones A, B and C of ISO 20816 for this machine, by its class in the part of
-        the standard that covers it or by agreement; without it no zone is stated.
+        Largest RMS velocity in mm/s of the zones A, B and C of ISO 20816 for this machine, by its class in the
+        applicable part of the standard or by agreement; without them no zone is stated.
     machine_class : str
-        That class and part in words, which stand next to the zone.
+        That class and part in words, shown next to the zone.
     freeze_baseline : bool
         Leave the variances of the baseline unchanged, so that NA4 and NB4 become NA4* and NB4*.
     baseline_limit_std : float, optional
         Freeze the variance of a gear at the first record that exceeds the mean of the earlier ones by this many of
-        their standard deviations; default never.
+        their standard deviations. Default: never.
 
     Raises
     ------
@@ -116,7 +115,7 @@ class AnalysisSettings(Declared):
     def _check_band_type(cls, band: Any) -> Any:  # noqa: ANN401
         pair = isinstance(band, tuple | list) and len(band) == 2  # noqa: PLR2004
         if not (band is None or band == "auto" or pair):
-            raise ValueError(f'{band!r} is no band; give (low, high) in Hz, "auto" to have one chosen, or None')
+            raise ValueError(f'{band!r} is not a band; give (low, high) in Hz, "auto" to choose one, or None')
         return band
 
     @model_validator(mode="after")

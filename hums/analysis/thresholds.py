@@ -1,23 +1,23 @@
-"""Constants that decide a verdict, each with its reason and what changes when it is halved or doubled.
+"""Constants that decide a verdict, each with its reason and the effect of halving or doubling it.
 
-What was changed was read off ``python benchmarks/verdicts.py``; see ``docs/benchmarks/verdicts.md``.
+The effects were measured by ``python benchmarks/verdicts.py``; see ``docs/benchmarks/verdicts.md``.
 """
 
 FAULTY_DEPTH = 0.1
-"""Part of the mean envelope by which a damaged race modulates it.
+"""Modulation depth of a damaged race, relative to the mean envelope.
 
-A spot that is hit once per element lifts the envelope at each hit; waviness and a wandering level of sound machines
-stay below. Halved, weak lines of sound bearings are diagnosed; doubled, early damage is only indicated, and more parts
-count as judgeable in short records.
+A defect raises the envelope at each rolling-element pass; waviness and the varying level of sound machines stay below.
+Halved, weak lines of sound bearings are diagnosed; doubled, early damage is only indicated, and more components can be
+judged in short records.
 """
 
 JUDGED_DEPTH = FAULTY_DEPTH / 2
-"""Modulation that a record must exclude for a part without one to count as sound.
+"""Modulation depth that a record must exclude before a component counts as sound.
 
-A defect is indicated before it is deep enough to be diagnosed: a part that a longer record would name must not be
-called sound in a short one. Of the bearing parts of 297 healthy records of 1 to 10 s that an envelope carries, 7 % are
-not judged; of 132 faulty ones of 30 dB or more 14 are called sound. Halved, 38 % and 4; doubled, 1 % and 16, and a race
-that a record shows damaged is called sound in its first second.
+A defect is indicated before it is deep enough to be diagnosed: a component that a longer record would report must not
+be called sound in a short one. Of the bearing components of 297 healthy records of 1 to 10 s with a suitable envelope,
+7 % are not judged; of 132 faulty ones of 30 dB or more 14 are called sound. Halved, 38 % and 4; doubled, 1 % and 16,
+and a race that a record shows damaged is called sound in its first second.
 """
 
 LEAST_STRENGTH = 0.01

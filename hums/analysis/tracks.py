@@ -77,19 +77,19 @@ def track_lines(
     Parameters
     ----------
     segment : Segment
-        Its samples in time are used where the sensor lost or clipped some.
+        Segment, whose samples in time are used if some are missing or clipped.
     spectrum : AmplitudeSpectrum
         Order spectrum of the channel, in which the lines were measured.
     lines : sequence of MeasuredLine
-        Lines to track, at their expected orders; at their measured orders where the speed is nominal.
+        Lines to track, at their expected orders; at their measured orders if the speed is nominal.
     noise_left : float
-        Share of the power of noise that is left in the spectrum.
+        Share of the noise power remaining in the spectrum.
     bandwidth_orders : float, optional
-        Full -3 dB width of the smoother in orders; None for the maximum-likelihood one of each line.
+        Full -3 dB width of the smoother in orders; None for the maximum-likelihood width of each line.
     step_rev : float
         Revolutions between outputs.
     origin_rev : float, optional
-        Outputs are whole steps from here; default the begin of the segment.
+        Origin of the output steps. Default: start of the segment.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def _arguments(angle: Numbers, orders: Numbers, samples_per_rev: float) -> dict[
 def _widths(
     values: Numbers, given: dict[str, Any], noise: Numbers, bandwidth: float | None, largest: float = _LARGEST_BANDWIDTH
 ) -> Numbers:
-    """Return the bandwidth of each line in orders: the given one, or that of maximum likelihood."""
+    """Return the bandwidth of each line in orders: as given, or of maximum likelihood."""
     if bandwidth is not None:
         return np.full(noise.shape, bandwidth)
     return likely_bandwidth(values, **given, noise_variance=noise, largest_bandwidth_orders=largest)
@@ -163,7 +163,7 @@ def _widths(
 def _tracked(
     values: Numbers, given: dict[str, Any], noise: Numbers, widths: Numbers, every: int
 ) -> tuple[NDArray[np.complex128], Numbers]:
-    """Return amplitudes over angle and their standard deviations, of lines of which the noise is known."""
+    """Return amplitudes over angle and their standard deviations, for lines with known noise."""
     found = track_orders(
         values, **given, bandwidth_orders=widths, output_every=every, noise_variance=1.0, method="fast"
     )
@@ -171,18 +171,18 @@ def _tracked(
 
 
 def _quantile(independent_bins: Sequence[float]) -> Numbers:
-    """Return Student's t for the intervals of lines whose noise is the median of so many bins, two degrees each."""
+    """Return Student's t for lines whose noise is the median of a number of bins, with two degrees of freedom each."""
     return np.asarray(stdtrit(2 * np.array(independent_bins), 0.5 + CONFIDENCE / 2))
 
 
 def _track_in_time(
     segment: Segment, health: SensorHealth, orders: Numbers, widths: Numbers, times: Numbers
 ) -> tuple[NDArray[np.complex128], Numbers, Numbers]:
-    """Track lines and the mean in the time domain, with clipped samples as censored data and lost ones left out.
+    """Track lines and the mean in the time domain, with clipped samples as censored data and without missing ones.
 
     Resampling would spread each such sample over the length of its filter. Outputs are at most a sixteenth of the
-    inverse bandwidth apart, so that linear interpolation to the times of the other channels errs by at most 0.5 % of
-    the change.
+    inverse bandwidth apart, so that linear interpolation to the times of the other channels has an error of at most 0.5
+    % of the change.
     """
     machine, when = segment.machine, segment.when
     phase = machine.phase
@@ -219,7 +219,7 @@ def output_step_rev(revolutions: float) -> float:
 
 
 def joined_tracks(tables: Sequence[tuple[int, xr.Dataset]]) -> xr.Dataset:
-    """Return tracks of segments, each with the number of its part, on one axis; NaN where a line is not followed."""
+    """Return the tracks of numbered segments on one axis; NaN where a line is not tracked."""
     if not tables:
         return xr.Dataset()
     first = tables[0][1]
@@ -268,10 +268,10 @@ def joined_tracks(tables: Sequence[tuple[int, xr.Dataset]]) -> xr.Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeLine:
-    """A part's line in the envelope of a band.
+    """Line of a component in the envelope of a band.
 
-    `order` is the nominal one; `largest_slip` how far it may be from it, 0 where the line is locked to a shaft.
-    `values` are the envelope in `units`, sampled evenly over the angle of the reference.
+    `order` is the nominal one; `largest_slip` its largest relative deviation, 0 if the line is locked to a shaft.
+    `values` is the envelope in `units`, sampled uniformly over the angle of the reference.
     """
 
     component: str
@@ -288,7 +288,7 @@ class EnvelopeLine:
 
 
 def bearing_line(segment: Segment, part: PartEvidence, *, slip: float) -> EnvelopeLine:
-    """Return the fundamental of a bearing's part in the envelope of its band, sampled as densely as it needs."""
+    """Return the fundamental of a bearing defect in the envelope of its band, with sufficient sampling."""
     when, band = segment.when, (part.band_low_hz, part.band_high_hz)
     ((rate_hz, envelope),) = bank_envelopes(
         segment.filled, rate_hz=when.rate_hz, bands_hz=[band], transform=segment.filled_transform
@@ -312,9 +312,9 @@ def bearing_line(segment: Segment, part: PartEvidence, *, slip: float) -> Envelo
 
 
 def tooth_line(segment: Segment, component: str, tooth: ToothEnvelope) -> EnvelopeLine:
-    """Return the line of a tooth in the envelope of what is left without meshes and shafts.
+    """Return the line of a tooth in the envelope of the residual without meshes and shafts.
 
-    It is the lowest harmonic of the tooth's meetings that run-out of a sound gear does not make, too.
+    It is the lowest harmonic of the tooth's contact rate that run-out of a sound gear does not also produce.
     """
     energies, order = tooth.energies, tooth.harmonic * tooth.order
     envelope = np.sqrt(energies.values[0])
@@ -340,7 +340,7 @@ def tooth_line(segment: Segment, component: str, tooth: ToothEnvelope) -> Envelo
 def track_envelope_lines(
     lines: Sequence[EnvelopeLine], machine: Machine, *, bandwidth_orders: float | None = None
 ) -> xr.Dataset:
-    """Return the amplitude of parts' lines in their envelopes over time, with its standard deviation.
+    """Return the amplitude of component lines in their envelopes over time, with its standard deviation.
 
     A slipping line is followed by `signals.harmonics.track_slipping_order`, one locked to a shaft by the smoother of
     `track_orders`, both at the maximum-likelihood bandwidth.
@@ -357,8 +357,8 @@ def track_envelope_lines(
     -------
     xarray.Dataset
         ``complex_amplitude``, ``std`` (of the amplitude), ``half_width`` (of its 95 % interval), ``slip`` and
-        ``slip_std`` (track, output), with what each line is as coordinates; ``level`` is the mean of the envelope, so
-        that ``abs(complex_amplitude) / level`` is the depth of the modulation. Empty without lines.
+        ``slip_std`` (track, output), with the identity of each line as coordinates; ``level`` is the mean of the
+        envelope, so that ``abs(complex_amplitude) / level`` is the modulation depth. Empty without lines.
     """
     if not lines:
         return xr.Dataset()
@@ -406,7 +406,7 @@ def _track_envelope_line(line: EnvelopeLine, revolution: Numbers, bandwidth: flo
 def _followed(
     line: EnvelopeLine, values: Numbers, angle: Numbers, grid: Numbers, largest: float, bandwidth: float | None
 ) -> tuple[NDArray[np.complex128], Numbers, Numbers, Numbers, float, str]:
-    """Track a slipping line: first for its angle, then at the bandwidth of maximum likelihood along it."""
+    """Track a slipping line: first its angle, then, along it, at the maximum-likelihood bandwidth."""
 
     def follow(width: float, steps: int = _MOST_STEPS) -> SlippingTrack:
         return track_slipping_order(

@@ -314,7 +314,7 @@ def test_a_band_that_falls():
 
 
 def test_a_band_that_is_none():
-    with pytest.raises(AnalysisError, match=r"envelope_band_hz: 'automatic' is no band; give \(low, high\) in Hz"):
+    with pytest.raises(AnalysisError, match=r"envelope_band_hz: 'automatic' is not a band; give \(low, high\) in Hz"):
         AnalysisSettings(envelope_band_hz="automatic")
     assert AnalysisSettings(envelope_band_hz=[1000, 2000]).envelope_band_hz == (1000, 2000)
 
