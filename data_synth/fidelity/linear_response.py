@@ -1,17 +1,17 @@
-"""Linear response of gears to their mesh excitation: the spectral lines of each mesh in the channels.
+"""Linear response of gears to mesh excitation: spectral lines of each mesh in the channels.
 
 Under the static force F, teeth of stiffness k and transmission error e, which follow the mesh phase, deflect by
 F / k + e. On a spring of the mean stiffness, the same deflection is caused by a force
 
     p = F (1 - k_mean / k) - k_mean e
 
-along the line of action: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
-Vib. 125, 71). Gears that vibrate deflect by d, and the force on the spring of the mean stiffness is
+along the line of action: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound Vib.
+125, 71). With vibration the deflection is d, and the force on the spring of the mean stiffness is
 
     q = k (d - e) - k_mean d
 
-whose periodic solution `Response.excitation` finds: the parametric excitation of a mesh by its own vibration, and
-teeth that lose contact. What is left out is that by the vibration of other meshes.
+whose periodic solution `Response.excitations` finds: the parametric excitation of a mesh by its own vibration, and loss
+of contact. The parametric excitation by other meshes is neglected.
 """
 
 import math
@@ -32,17 +32,17 @@ from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.run import Motion, contacts_in, motion_of
 
-_POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
-COARSE = 8  # the same where a few per cent will do
-_LINES_OF_CYCLE = 8  # of a mesh cycle, at least, that points are for
-MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
-_LONGEST = 256  # mesh cycles of a period: each is a line apart
+_POINTS = 64  # per period of the highest line, whose error is then half a percent for a stiffness with jumps
+COARSE = 8  # the same for an error of a few percent
+_LINES_OF_CYCLE = 8  # fewest lines per mesh cycle that the points resolve
+MIN_STIFFNESS = 0.25  # of the mean stiffness: below it, teeth are losing contact
+_LONGEST = 256  # mesh cycles per period: each adds lines
 _NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
 _SPEED_STEP, _SLOW = 0.02, 0.2
-"""Of the speed, between two at which vibration is found: a mode of damping 0.02 is passed in two; and of the top speed,
-below which it is that of so much."""
-_TAKES_PART = 1e-4  # of the compliance of a mesh: modes with less of it deflect statically
-_CONTACTS, _SETTLED = 60, 0.02  # times that the contact of teeth is found again, at most, and its change at the last
+"""Step between speeds at which vibration is computed, relative to the speed: two per half-bandwidth of a mode of
+damping 0.02; and the least speed relative to the top speed, below which the vibration of that speed is used."""
+_TAKES_PART = 1e-4  # of the compliance of a mesh: modes with a smaller share deflect statically
+_CONTACTS, _SETTLED = 60, 0.02  # iterations of tooth contact, at most, and its change at convergence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class ToothForces:
     ----------
     mesh : str
     base_order : Fraction
-        Order of the first line: that of the mesh over the cycles after which it repeats.
+        Order of the first line: that of the mesh divided by the cycles after which it repeats.
     loaded : (line,) complex array
         Per N of static force; phase zero is that of the reference's angle.
     unloaded : (line,) complex array
@@ -61,7 +61,7 @@ class ToothForces:
     static_n : (instant,) array
         Static force at the instants of the truth.
     stiffness, error : (point,) arrays
-        k in N/m and e in m at equidistant phases of a period, `COARSE` to a period of the highest line.
+        k in N/m and e in m at equidistant phases of a period, `COARSE` per period of the highest line.
     """
 
     mesh: str
@@ -86,15 +86,15 @@ class Response:
     ----------
     motion : Motion
     poles : (pole,) complex array
-        rad/s; rigid-body modes are left out: no mesh force excites them.
+        rad/s; without rigid-body modes, which mesh forces do not excite.
     outputs : (reading, pole) complex array
-        Contribution of each pole to the readings, without planets the forces on the routes.
+        Contribution of each pole to the readings: without planets, the forces on the routes.
     deflections : (mesh, pole) complex array
         Contribution to the deflections of meshes.
     inputs : (pole, mesh) complex array
         Excitation of each pole per N of p.
     direct : (reading, mesh) array
-        The readings per N of p: forces of gears of the frame, and of meshes that are read.
+        Readings per N of p: forces on gears of the frame, and of meshes among the outputs.
     means : (mesh,) array
         Mean mesh stiffness in N/m.
     """
@@ -130,7 +130,7 @@ class Response:
         Raises
         ------
         SceneError
-            If the change of the stiffness makes the motion grow.
+            If the varying stiffness makes the motion unstable.
         """
         stage, number = self.motion.stage, self._number(forces)
         excitations = self.excitations(forces)
@@ -145,7 +145,7 @@ class Response:
         return [mesh.name for mesh in self.motion.system.meshes].index(forces.mesh)
 
     def excitations(self, forces: ToothForces, instants: Sequence[int] | slice = slice(None)) -> ComplexArray:
-        """Return the lines of q, (line, instant) in N: those of p, and what vibration adds, linear between speeds."""
+        """Return the lines of q, (line, instant) in N: those of p plus those of vibration, linear between speeds."""
         speeds_hz = np.abs(self.motion.stage.speed_hz[instants])
         place = np.log(np.maximum(speeds_hz, _SLOW * np.max(speeds_hz))) / _SPEED_STEP
         grid = np.linspace(np.min(place), np.max(place), math.ceil(np.ptp(place)) + 1)
@@ -156,9 +156,10 @@ class Response:
         return np.asarray(p + added @ shares[:, used].T)
 
     def _vibration(self, forces: ToothForces, speed_hz: float) -> ComplexArray:
-        """Return what vibration at a speed adds to the lines of p, (line,) in N.
+        """Return the contribution of vibration at a speed to the lines of p, (line,) in N.
 
-        Modes turn freely between points, at which q acts as an impulse; those that turn too far deflect statically.
+        Modes vibrate freely between points, at which q acts as an impulse; those too fast for the step deflect
+        statically.
         """
         number, forward = self._number(forces), 1 if np.sum(self.motion.stage.speed_hz) > 0 else -1
         mean, static_n = float(self.means[number]), float(np.mean(forces.static_n))
@@ -168,7 +169,7 @@ class Response:
         free = (np.abs(self.poles) * step_s < 1) & (np.abs(compliances) > _TAKES_PART / mean)
         seen, kick = self.deflections[number, free], self.inputs[free, number] * step_s
         turn = np.exp(self.poles[free] * step_s)
-        # what is left of the static compliance: teeth follow slow errors, and deflect by nearly nothing
+        # remaining static compliance: teeth follow slow errors with almost no deflection
         rest = -float(np.sum(compliances).real + np.sum(seen * kick * turn / (1 - turn)).real)
         parts = self.motion.system.meshes[number].backlash_m > 0 and static_n != 0
         touching, solutions = np.ones(stiffness.size), []
@@ -183,9 +184,9 @@ class Response:
             now = (static_n / mean + vibration + rest * q - error) * static_n > 0
             if np.max(np.abs(now - touching)) < _SETTLED:
                 break
-            touching = (touching + now) / 2  # from one to the other at once, contacts would alternate
+            touching = (touching + now) / 2  # without under-relaxation, contacts would alternate
         else:
-            q, growth = solutions[0]  # no motion was found in which they part
+            q, growth = solutions[0]  # no motion with loss of contact was found
         if growth >= 1:
             raise SceneError(
                 f'the stiffness of "{forces.mesh}" makes its vibration grow at {60 * speed_hz:.4g} rpm; write '
@@ -210,11 +211,11 @@ class Response:
 def _periodic(
     change: Array, constant: Array, *, seen: ComplexArray, kick: ComplexArray, turn: ComplexArray
 ) -> tuple[Array, float]:
-    """Return the periodic motion seen of modes z that impulses q = change (seen z) + constant act on, (point,).
+    """Return the periodic motion `seen` z of modes z under impulses q = change (seen z) + constant, (point,).
 
-    Between points z is multiplied by `turn`. Blocks of points are integrated side by side, as maps of their start; the
-    start of the first follows from that the motion repeats itself. Last comes the factor by which a deviation grows in
-    a period.
+    Between points z is multiplied by `turn`. Blocks of points are integrated in parallel as affine maps of their
+    initial values; that of the first follows from periodicity. The last result is the growth factor of a deviation per
+    period.
     """
     modes, blocks = seen.size, math.gcd(change.size, 1 << (change.size.bit_length() // 2))
     change, constant = change.reshape(blocks, -1), constant.reshape(blocks, -1)
@@ -240,7 +241,7 @@ def _periodic(
 def response_of(motion: Motion) -> Response:
     """Return the linear response of gears from their equations of motion in elastic modes.
 
-    Of planets, whose routes to a sensor rotate with their carrier, that of the readings and not of the channels.
+    With planets, whose routes to a sensor rotate with their carrier, it is that of the readings, not of the channels.
     """
     system, output = motion.system, motion.output
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
@@ -273,7 +274,7 @@ def response_of(motion: Motion) -> Response:
 
 
 def obstacle(motion: Motion) -> str:
-    """Return why gears do not answer their excitation linearly and periodically; empty where they may."""
+    """Return why the response of the gears cannot be linear and periodic, or an empty string."""
     if motion.sensor_forces.rotate:
         return "planets rotate with their carrier"
     if motion.drive_load.full_rotation:
@@ -303,7 +304,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
         Without planets.
     name : str
     points : int
-        Values of the stiffness to a period of the highest line: a multiple of `COARSE`.
+        Values of the stiffness per period of the highest line: a multiple of `COARSE`.
     """
     stage = motion.stage
     number = contacts_in(motion.system, name)[0]
@@ -312,7 +313,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     base_order = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
-    # as many in every cycle, sound or damaged: or stiffnesses that jump would differ by where they are sampled
+    # the same number in every cycle, sound or damaged: else the sampling of jumps would differ
     of_cycle = points * max(_LINES_OF_CYCLE, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * period * top_hz)))
     phases = _phases(mesh, period << (of_cycle - 1).bit_length())
     mean = mesh.stiffness.mean
@@ -335,7 +336,7 @@ def _period(mesh: Mesh) -> int:
 
 
 def _phases(mesh: Mesh, points: int) -> Array:
-    """Return equidistant phases of a period of a mesh, in cycles, half a step from its ends."""
+    """Return equidistant phases of a mesh period in cycles, half a step from its ends."""
     return np.asarray((np.arange(points) + 0.5) * _period(mesh) / points)
 
 
@@ -348,7 +349,7 @@ def spectral_lines(values: Array, count: int) -> ComplexArray:
 def lines_of(response: Response, forces: ToothForces) -> list[tuple[HarmonicFamily, ComplexArray]]:
     """Return the lines of a mesh in the channels, as harmonic families and their amplitudes (sensor, line, instant).
 
-    The lines at multiples of the mesh order are its own; those between them belong to its damaged gears.
+    The lines at multiples of the mesh order belong to the mesh, those between them to its damaged gears.
     """
     scene, outputs = response.motion.stage.scene, response.lines(forces)
     every = round(scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
@@ -367,7 +368,7 @@ def lines_of(response: Response, forces: ToothForces) -> list[tuple[HarmonicFami
 def _family(
     outputs: ComplexArray, forces: ToothForces, *, component: str, kind: str, weakest: float
 ) -> tuple[HarmonicFamily, ComplexArray]:
-    """Return lines (sensor, line, instant) of a mesh above the weakest as a family, and their amplitudes."""
+    """Return the significant lines (sensor, line, instant) of a mesh as a family, and their amplitudes."""
     loud = np.max(np.abs(outputs), axis=(0, 2)) > weakest
     values = (outputs * loud[:, None])[:, : int(np.max(np.flatnonzero(loud), initial=-1)) + 1]
     family = HarmonicFamily(
@@ -396,10 +397,10 @@ def with_lines(stage: PreparedScene, motion: Motion) -> PreparedScene:
 
 
 def with_gear_faults(stage: PreparedScene) -> tuple[PreparedScene, str]:
-    """Return a kinematic stage with its gear faults by linear response, and how they came about, in words.
+    """Return a kinematic stage with its gear faults by linear response, and a description of the method.
 
-    What a fault adds to the response of its mesh has the phase of its tooth, and is scaled to the level of the
-    kinematic mesh in each channel. Impacts are part of it, so those of the stage become silent.
+    The contribution of a fault to the response of its mesh has the phase of its tooth, and is scaled to the level of
+    the kinematic mesh in each channel. It includes the impacts, so those of the stage are set to zero.
     """
     faults = stage.scene.faults
     numbers = [number for number, fault in enumerate(faults) if isinstance(fault, GearFault)]
@@ -425,16 +426,16 @@ def with_gear_faults(stage: PreparedScene) -> tuple[PreparedScene, str]:
 
 
 def _alone(stage: PreparedScene, faults: tuple[Fault, ...]) -> PreparedScene:
-    """Return a kinematic stage whose gears vibrate, with some of its faults and no imperfections."""
+    """Return a kinematic stage with gear dynamics, some of its faults and no imperfections."""
     return replace(stage, scene=stage.scene.changed(fidelity="dynamic", faults=faults, imperfections=None))
 
 
 def _added_by(
     stage: PreparedScene, number: int, sound: ToothForces, healthy: ComplexArray
 ) -> tuple[HarmonicFamily, ComplexArray]:
-    """Return what a gear fault adds to the channels of a kinematic stage, as a family and its amplitudes.
+    """Return the contribution of a gear fault to the channels of a kinematic stage, as a family and its amplitudes.
 
-    `sound` are the forces of its mesh without faults, and `healthy` their lines.
+    `sound` is the exciting force of its mesh without faults, and `healthy` its lines.
     """
     fault, mesh = stage.scene.faults[number], sound.mesh
 
@@ -464,7 +465,7 @@ def _added_by(
 def _mesh_lines(stage: PreparedScene, mesh: str) -> tuple[ToothForces, ComplexArray, float]:
     """Return the forces of a mesh, their lines (sensor, line, instant), and where its first fault passes, in rev.
 
-    Those of teeth that change with time are linear between the stages of the change, the forces those of the last.
+    For a growing fault, the lines are linear between the stages of growth, and the forces those of the last.
     """
     motion = motion_of(stage)
     number = contacts_in(motion.system, mesh)[0]

@@ -1,4 +1,4 @@
-"""Series that are watched: logarithms of the indicators and lines of a record, by channel, component and name."""
+"""Monitored series: logarithms of the indicators and lines of a record, by channel, component and name."""
 
 import json
 import math
@@ -38,7 +38,7 @@ NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))  # of a record without lines
 
 
 def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
-    """Return rows of that many names, and of numbers."""
+    """Return rows of this many names, and of numbers."""
     taken = [tuple(row) for row in rows]
     values = np.array([row[names:] for row in taken], dtype=np.float64).reshape(len(taken), numbers)
     return Numbers(keys=_shared(tuple(row[:names] for row in taken)), values=values)
@@ -46,7 +46,7 @@ def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
 
 @lru_cache(maxsize=256)
 def _shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the first tuple that equals this one, so that what follows from it is found by its identity."""
+    """Return the first tuple equal to this one, so that results derived from it are cached by identity."""
     return keys
 
 
@@ -72,14 +72,14 @@ class Series:
 
     @property
     def power(self) -> int:
-        """Power of the signal's unit: 1 of an amplitude, 2 of an energy, 0 of a ratio."""
+        """Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio."""
         if self.unit in ("1", "", "deg", "rad"):
             return 0
         return 2 if self.unit.endswith("2") and not self.unit.endswith("-2") else 1
 
 
 class SeriesValues(Mapping[Series, float]):
-    """Values (series,) under series, the same tuple for all records that have the same ones."""
+    """Values (series,) with their series, one tuple shared by all records with the same series."""
 
     def __init__(self, series: tuple[Series, ...], numbers: NDArray[np.float64]) -> None:
         self.series, self.numbers = series, numbers
@@ -100,7 +100,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
     """Return the logarithms of the positive indicators and lines of one record's results, `without` some channels.
 
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
-    and of what they are over their background. Bearings whose lines have the same orders are one component.
+    and of their ratios to the background. Bearings whose lines have the same orders are one component.
     """
     indicators, lines = (row.get(name, NOTHING) for name in ("indicators", "lines"))
     joint = tuple(sorted(joint_names(row).items()))
@@ -121,7 +121,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
 
 
 class _Same:
-    """A thing that equals itself alone, so that a cache needs not compare hundreds of series."""
+    """Wrapper compared by identity, so that a cache does not compare hundreds of series."""
 
     def __init__(self, thing: Any) -> None:  # noqa: ANN401
         self.thing = thing
@@ -137,9 +137,9 @@ class _Same:
 class _Plan:
     """Series of all rows with the same indicators and lines.
 
-    ``of_indicators`` is the place of the series of each indicator, -1 of none; ``of_lines`` the group of each line, and
-    ``line_places`` (groups, 2) those of its level and of what it is over its background; ``watched`` is false for
-    channels that are left out.
+    ``of_indicators`` is the index of the series of each indicator, -1 without one; ``of_lines`` the group of each line,
+    and ``line_places`` (groups, 2) those of its level and of its ratio to the background; ``watched`` is false for
+    excluded channels.
     """
 
     series: tuple[Series, ...]
@@ -186,7 +186,7 @@ def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
 
 @lru_cache(maxsize=4096)
 def _places(there: _Same, wanted: _Same) -> NDArray[np.int64]:
-    """Return where the wanted series stand among others, -1 of those that do not."""
+    """Return the indices of the requested series among others, -1 for missing ones."""
     at = _place_of_each(there)
     return np.array([at.get(key, -1) for key in wanted.thing], dtype=np.int64)
 
@@ -197,9 +197,9 @@ def _place_of_each(series: _Same) -> dict[Series, int]:
 
 
 def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return the name under which each of several bearings is watched whose lines have the same orders.
+    """Return the name under which bearings whose lines have the same orders are monitored.
 
-    What one of them shows, all show; watched apart, a fault of one would raise an alarm of each.
+    Their lines cannot be told apart: monitored separately, a fault of one would raise an alarm of each.
     """
     lines: Numbers = row.get("lines", NOTHING)
     equal: dict[tuple[Any, ...], list[str]] = {}
@@ -211,7 +211,7 @@ def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
 
 @lru_cache(maxsize=256)
 def _bearings(lines: _Same) -> list[tuple[str, tuple[Any, ...], NDArray[np.int64]]]:
-    """Return each bearing, what its lines are, and their places."""
+    """Return each bearing, the orders of its lines, and their indices."""
     places: dict[str, list[int]] = {}
     for number, (_, _, component, kind, *_) in enumerate(lines.thing):
         if kind in BEARING_KINDS:
@@ -223,7 +223,7 @@ def _bearings(lines: _Same) -> list[tuple[str, tuple[Any, ...], NDArray[np.int64
 
 
 def component_parts(component: str) -> tuple[str, ...]:
-    """Return the components that a watched name stands for: of "one of A, B" both, and the name itself."""
+    """Return the components that a monitored name stands for: of "one of A, B" both, and the name itself."""
     if not component.startswith(_JOINT):
         return (component,)
     return (component, *component.removeprefix(_JOINT).split(_AND))
@@ -231,23 +231,23 @@ def component_parts(component: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=100_000)
 def _series(channel: str, component: str, kind: str, indicator: str, unit: str) -> Series:
-    """Return the same series for all records that have it."""
+    """Return one shared object for equal series of all records."""
     return Series(channel=channel, component=component, kind=kind, indicator=indicator, unit=unit)
 
 
 def vector(found: Mapping[Series, float], series: tuple[Series, ...]) -> NDArray[np.float64]:
-    """Return the values of some series, NaN where a record has none."""
+    """Return the values of some series, NaN if the record has none."""
     if isinstance(found, SeriesValues):
         return np.append(found.numbers, np.nan)[_places(_Same(found.series), _Same(series))]
     return np.array([found.get(key, math.nan) for key in series], dtype=np.float64)
 
 
 def watched_component(key: Series) -> str:
-    """Return the name under which a series is watched: its component.
+    """Return the name under which a series is monitored: its component.
 
-    Of the whole signal, what its few largest samples set (peak, and all without a unit: kurtosis, crest factor) is
-    watched apart from its levels: one impact raises the former, and the limits of a machine that has such bursts in its
-    baseline would be so wide that no growth of its level reaches them.
+    Indicators of the whole signal that depend on its few largest samples (peak, and those without a unit: kurtosis,
+    crest factor) are monitored apart from its levels: a single impact raises them, and with such bursts in the baseline
+    the limits would be too wide to detect growth of the level.
     """
     if key.component == WHOLE_SIGNAL and (not key.power or key.indicator == "peak"):
         return _IMPULSES
@@ -255,20 +255,20 @@ def watched_component(key: Series) -> str:
 
 
 def _damage(key: Series) -> str:
-    """Return the kind of damage that a series is scored with: its own, but of what one tooth shows that of a tooth.
+    """Return the kind of damage with which a series is scored: its own, or tooth for indicators of a single tooth.
 
-    A spall of one tooth raises how far that tooth stands out and no other indicator of the gear, among which it would
-    be diluted; the verdict that it is the evidence of is of the tooth, too.
+    A spall on one tooth raises the tooth outlier and no other indicator of the gear, among which it would be diluted;
+    the verdict derived from it is also that of the tooth.
     """
     return "tooth" if key.indicator in _OF_ONE_TOOTH else key.kind
 
 
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
-    """Return the component of each score, the channels with a level, and which series belong to each score, by kind.
+    """Return the component of each score, the channels with a level, and the series of each score, by kind.
 
-    A component has a score of all its series. A bearing has one for each of its parts, too: of the modulation that
-    verdicts are made from. That is no part of the level, which load and noise change, so that what is learned of it
-    stays; its limits are therefore lower, and weak evidence adds up over records.
+    Each component has a score of all its series. A bearing also has one for each race, rolling element and cage, of the
+    modulation on which verdicts are based. Modulation is independent of the level, which changes with load and noise,
+    so its limits are lower, and weak evidence accumulates over records.
     """
     components = tuple(sorted({watched_component(key) for key in series}))
     powers = np.array([key.power for key in series], dtype=np.float64)
@@ -297,13 +297,13 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
 
 @lru_cache(maxsize=1)
 def _stored_prior() -> dict[str, Any]:
-    """Return the prior as it is stored."""
+    """Return the stored prior."""
     learned: dict[str, Any] = json.loads((files("hums.fleet") / "prior.json").read_text(encoding="utf-8"))
     return learned
 
 
 def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
-    """Return the usual deviations of some series; of one that no machine of the prior had, that of most others."""
+    """Return the usual deviations of some series; for one that no machine of the prior had, the typical one."""
     learned = _stored_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
     known = learned["log_std"]
@@ -313,5 +313,5 @@ def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
 
 @lru_cache(maxsize=1)
 def limit_table() -> LimitTable:
-    """Return the limits that the healthy machines have shown, one group for each of `Layout.groups`."""
+    """Return the limits learned from healthy machines, one group for each of `Layout.groups`."""
     return LimitTable(**{name: np.array(values) for name, values in _stored_prior()["limits"].items()})

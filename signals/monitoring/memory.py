@@ -1,9 +1,10 @@
-"""How many independent records a baseline is worth, by the memory of a machine's state in time.
+"""Effective number of independent records of a baseline, by the autocorrelation of a machine's state.
 
     corr(y_j, y_k) = w exp(-|t_j - t_k| / m) for j != k
 
-(white noise and an Ornstein-Uhlenbeck process). A baseline is too short to tell memory m and share w: those on a grid
-have a prior, and are weighted by their restricted likelihoods (Patterson and Thompson 1971, Biometrika 58(3), 545-554).
+(white noise and an Ornstein-Uhlenbeck process). A baseline is too short to determine memory m and share w: those on a
+grid have a prior, and are weighted by their restricted likelihoods (Patterson and Thompson 1971, Biometrika 58(3),
+545-554).
 """
 
 import numpy as np
@@ -22,20 +23,20 @@ _MOST = 400  # records that are looked at, the latest; a long memory does not av
 
 
 def correlations(apart: Array, memories: Array) -> Array:
-    """Return correlations (models, n, n) of values so far `apart`: of white ones, then of each share and memory."""
+    """Return correlations (models, n, n) of values `apart` in time: of white noise, then of each share and memory."""
     one = np.eye(len(apart))
     return np.stack([one, *((1 - w) * one + w * np.exp(-apart / memory) for w in SHARES for memory in memories)])
 
 
 def independent_records(scores: Array, times_s: Array) -> Array:
-    """Return the number of independent records whose mean is as uncertain as that of the records (scores,).
+    """Return the number (scores,) of independent records whose mean is as uncertain as that of the records.
 
     Parameters
     ----------
     scores : (records, scores) array
-        What the records of a baseline show; a score with a missing value, or that does not vary, tells nothing.
+        Scores of the records of a baseline; one with a missing value, or a constant one, is ignored.
     times_s : (records,) array
-        Their times in seconds; where one is NaN, all records count.
+        Their times in seconds; if one is NaN, all records count.
     """
     records = len(scores)
     found = np.full(scores.shape[1], float(records))
