@@ -85,7 +85,7 @@ def test_a_plan_larger_than_the_disk_gets_a_sentence(monkeypatch, tmp_path):
 
 def test_a_torque_that_starts_nothing_gets_a_sentence():
     still = load_scene("wijianto").changed(torque={"link": "pinion", "nm": 0})
-    with pytest.raises(SceneError, match=r"its link makes 0 revolutions: raise the torque to start it\.$"):
+    with pytest.raises(SceneError, match=r"The link makes 0 revolutions: raise the torque to start it\.$"):
         simulate(still, seed=1)
 
 
