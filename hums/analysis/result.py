@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
-SCHEMA = "hums-analysis/3"
+SCHEMA = "hums-analysis/4"
 _FACTS = ("machine", "regime", "site", "analyst", "recorded_at")  # that an analysis states as its record does
 _version = cache(version)  # which reads the package's files
 _NUMBERS = (float, "float")  # types of a field that is a number, as annotated
@@ -383,7 +383,7 @@ def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:
 # ---- Tables and a JSON summary of an analysis, as written to `orders.csv`, `indicators.csv` and `summary.json` -------
 
 
-SUMMARY_SCHEMA = "hums-summary/1"
+SUMMARY_SCHEMA = "hums-summary/2"
 
 
 @checked

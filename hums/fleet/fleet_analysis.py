@@ -241,7 +241,7 @@ def analyze_fleet(
 
 FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5")
 """What `analyze_fleet` writes for its readers into the folder."""
-_INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/2"
+_INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/3"
 
 
 def _is_learning(history: MachineHistory) -> bool:

@@ -53,7 +53,7 @@ def page(analysis, tmp_path_factory):
 def test_files_of_a_report(page):
     assert {path.name for path in page.parent.iterdir()} == FILES
     facts = json.loads((page.parent / "summary.json").read_text())
-    assert facts["schema"] == "hums-summary/1"
+    assert facts["schema"] == "hums-summary/2"
     header = (page.parent / "orders.csv").read_text().splitlines()[0].split(",")
     assert {"component", "kind", "order", "order_found", "amplitude", "spectrum"} <= set(header)
 
