@@ -95,9 +95,9 @@ class Gears:
 def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[str, float] | None = None) -> Gears:
     """Return the gears with the teeth of every mesh.
 
-    The phase of each mesh at revolution zero is random, or zero with `mesh_rpm`, except that of a planet with a second
-    central gear, which follows from the first. `static_n` has the static force of each contact, which determines where
-    damaged teeth lose contact.
+    The phase of each mesh at revolution zero is random, or zero with `mesh_rpm`. A planet's phase with its second
+    central gear follows from that with the first. `static_n` has the static force of each contact, which determines
+    where damaged teeth lose contact.
     """
     try:
         contacts = contacts_of(kinematics, {})

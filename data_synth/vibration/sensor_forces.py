@@ -4,8 +4,8 @@ The force of a bearing is that of its springs. Mesh forces on gears of the frame
 it directly. Forces in coordinates that rotate with a carrier are resolved in the fixed direction of the sensor.
 
 Their vector sum acts on a rigid housing: balanced internal forces do not move it. The distance of a force from a sensor
-matters only for the elastic housing, above its first mode (`data_synth.transfer.housing`): its gain less one is that of
-a second route.
+matters only for the elastic housing, above its first mode (`data_synth.transfer.housing`): the gain of the housing
+minus one is that of a second transfer path, parallel to the rigid one.
 
 Where planets pass the sensors, the pass window, a function of a planet's angle from the sensor, which is taken to be on
 the ring in the direction of its axis, is such a gain of the force of its ring mesh. It applies to the dynamic part F -

@@ -81,8 +81,8 @@ def average_channel(channel: ChannelSegments, settings: AnalysisSettings, baseli
 def envelope_depths(values: Values, *, harmonics: int) -> list[float]:
     """Return the amplitudes of the first orders of the envelope of one revolution, over the mean of the envelope.
 
-    The envelope is the magnitude of the analytic signal. If a revolution is modulated by ``1 + m cos(k angle)``, order
-    k has the depth m.
+    The envelope is the magnitude of the analytic signal. A modulation by ``1 + m cos(k angle)`` has the depth m at
+    order k.
 
     Parameters
     ----------

@@ -14,8 +14,8 @@ The rules, fixed on the wind turbine and CWRU records:
      spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
      order of one race is itself such a multiple for the other race; there the weaker line is explained only if it is
      below a third of the stronger, since comparable lines on both races are evidence of two defects. Unequal elements
-     produce a line at the cage order, and any line below a third of another defect of the same bearing is hidden by
-     it, since the impacts of one defect excite lines at the orders of the others;
+     produce a line at the cage order. A line below a third of that of another defect of the same bearing is masked
+     by it, since the impacts of one defect excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
      any multiple of that order. These are of similar size: a comb of a shaft or cage whose first harmonics are below a
      third of a bearing line explains no multiple above the third, since a defect carried through the load zone causes

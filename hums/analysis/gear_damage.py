@@ -2,8 +2,8 @@
 
 The record is folded at the contacts of one tooth with its mates: once per revolution on fixed axes; for a sun or ring
 once per planet and revolution relative to the carrier, for a planet once per revolution relative to it. Sun, planets
-and ring therefore need no window around the planet passes, which modulate the level of a revolution; that is divided
-out. In two or three revolutions the waveform of the tooth must repeat, not only its energy.
+and ring therefore need no window around the planet passes. These modulate the level within a revolution, by which the
+record is divided. In two or three revolutions the waveform of the tooth must repeat, not only its energy.
 
 The strength of the evidence is ``-log10`` of the probability that among teeth with exponentially distributed energies
 one is as extreme, and 0 if it does not repeat. Real deviations follow that distribution only roughly, so the
@@ -153,7 +153,7 @@ class ToothEnvelope:
 class _Tooth:
     """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one contact to the next.
 
-    A tooth of a planet meets the sun and, half a revolution later, the ring: two `contacts` per revolution.
+    A planet's tooth meshes with the sun and, half a revolution later, with the ring: two `contacts` per revolution.
     """
 
     row: DefectOrder

@@ -1,8 +1,8 @@
 """A record as a sequence of segments: parts of a channel without gaps, in which the angle of the reference is known.
 
-- A record in one piece is one segment. One with more than `LONGEST` samples a channel is cut into equal parts. - A gap,
-samples that are not finite, ends a segment, and the next begins after it. - Each snapshot is one; of a few revolutions,
-it is cut to eighths of a revolution.
+- A record without gaps is one segment, or, with more than `LONGEST` samples per channel, several of equal length.
+- A gap, a run of samples that are not finite, ends a segment; the next begins after it.
+- Each snapshot is one segment; a snapshot of a few revolutions is truncated to whole eighths of a revolution.
 
 A segment reads its samples on first use.
 """
