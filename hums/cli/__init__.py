@@ -24,7 +24,6 @@ REFUSED, WRONG_USAGE, INTERRUPTED = 1, 2, 130  # the last is 128 + SIGINT, as in
 
 app = typer.Typer(
     name="hums",
-    help="Order tracking for gearboxes: kinematics, records, analysis, reports and synthetic data.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -59,27 +58,12 @@ class _EachOptionOnce(TyperCommand):
         return list(super().parse_args(ctx, args))
 
 
-_COMMANDS = {
-    "drawing": "Draw a gearbox: mechanism, velocity vectors and frequencies against speed, or an animated page.",
-    "dynamics": "Print natural frequencies; plot mode shapes and the Campbell diagram.",
-    "bearings": "List bearings of the catalogue by designation, with the source of each geometry.",
-    "orders": "Print the defect orders of a gearbox.\n\nOrders are cycles per revolution of the reference shaft. "
-    "rolling_element is 2 BSF, as a defect strikes both races; tooth is the rate at which one tooth meets its mates; "
-    "assembly_phase is the mesh order divided by the greatest common divisor of the tooth numbers.",
-    "schema": "Print the JSON schema of a hand-written file, for validation and completion in editors.",
-    "convert": "Convert files of other programs: one into a record, several into a dataset or separate records.\n\n"
-    "Re-running resumes where it stopped and reads new or changed files. Files that cannot be read are listed in "
-    "refused.csv.",
-    "info": "Show the contents of a record, or the size of a dataset and its first record.",
-    "analyze": "Analyse a record and write a report.",
-    "report": "Regenerate the report from a saved analysis.",
-    "synth": "Simulate a record and store it with its ground truth.",
-    "dataset": "Simulate a labelled dataset of records, or resume an interrupted one.",
-    "fleet": "Analyse many records into one table with trends and alarms; re-run to resume, or --append new records.",
-    "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault; compare its analysis with ground truth.",
-}  # in the order of the help
-for name, said in _COMMANDS.items():
-    app.command(name, cls=_EachOptionOnce, help=said)(getattr(import_module(f"hums.cli.{name}"), name))
+_COMMANDS = (  # in the order of the help
+    "drawing", "dynamics", "bearings", "orders", "schema", "convert", "info",
+    "analyze", "report", "synth", "dataset", "fleet", "demo",
+)  # fmt: skip
+for name in _COMMANDS:
+    app.command(name, cls=_EachOptionOnce)(getattr(import_module(f"hums.cli.{name}"), name))
 
 
 def main() -> int:

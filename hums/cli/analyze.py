@@ -31,7 +31,7 @@ def analyze(
     units: SpeedUnits = "rpm",
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Analyse a record and write a report."""
     from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
     from hums.analysis.record_analysis import analyze as run  # noqa: PLC0415
     from hums.analysis.result import summary  # noqa: PLC0415

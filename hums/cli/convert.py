@@ -82,7 +82,11 @@ def convert(  # noqa: PLR0917 - each option is one
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Convert files of other programs: one into a record, several into a dataset or separate records.
+
+    Re-running resumes where it stopped and reads new or changed files. Files that cannot be read are listed in
+    refused.csv.
+    """
     given = locals()
     paths = paths or []
     if out is None and len(paths) != 2:  # noqa: PLR2004 - SOURCE TARGET

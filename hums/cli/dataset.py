@@ -15,7 +15,7 @@ def dataset(
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Simulate a labelled dataset of records, or resume an interrupted one."""
     from data_synth import load_plan, make_dataset  # noqa: PLC0415
     from data_synth.dataset_folder import dataset_cost  # noqa: PLC0415
 

@@ -15,7 +15,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Random seed.")] = 1,
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Simulate a gearbox with a cracked tooth and an inner-race fault; compare its analysis with ground truth."""
     from data_synth import load_scene, simulate  # noqa: PLC0415
     from hums.analysis.record_analysis import AnalysisSettings  # noqa: PLC0415
     from hums.analysis.record_analysis import analyze as run  # noqa: PLC0415

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 _SIZES = {"mechanism": (9.0, 6.0), "velocities": (7.0, 5.0), "orders": (10.0, 7.0), "graph": (7.0, 6.0)}  # inches
 _FIGURES = (".svg", ".png", ".pdf")
 
-Picture = Literal["mechanism", "velocities", "orders", "graph"]
-
 
 def drawing(
     gearbox: Annotated[str, typer.Argument(help="Gearbox file, .toml, or a catalogue name.")],
@@ -24,7 +22,10 @@ def drawing(
         Path | None,
         typer.Option("--out", "-o", help="Folder for all figures, or a single .svg, .png, .pdf or .html file."),
     ] = None,
-    picture: Annotated[Picture, typer.Option(help="Figure to write if --out is a single file.")] = "mechanism",
+    picture: Annotated[
+        Literal["mechanism", "velocities", "orders"],
+        typer.Option(help="Figure to write if --out is a single file; for the graph, see --graph."),
+    ] = "mechanism",
     graph: Annotated[
         bool, typer.Option("--graph", help="Draw only the graph of links: turning pairs with levels, and gear pairs.")
     ] = False,
@@ -32,7 +33,7 @@ def drawing(
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Draw a gearbox: mechanism, velocity vectors and frequencies against speed, or an animated page."""
     from hums.drawing import write_drawing  # noqa: PLC0415
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
@@ -47,14 +48,15 @@ def drawing(
         echo(f"wrote {write_drawing(kinematics, out, speeds_rpm=given, force=force)}")
         return
     if graph:
-        picture, out = "graph", out or Path(f"{Path(gearbox).stem}-graph.{kind}")
+        out = out or Path(f"{Path(gearbox).stem}-graph.{kind}")
     if out is None:
         raise UsageError("--out is missing; name a folder, a figure such as m.svg, or an animated page such as m.html.")
     if out.suffix and out.suffix.lower() not in _FIGURES and not out.is_dir():
         raise UsageError(f"{out}: a figure ends in .svg, .png or .pdf, a page in .html; a folder has no suffix.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
-        save_picture(pictures[picture], out, _SIZES[picture], force=force)
+        chosen = "graph" if graph else picture
+        save_picture(pictures[chosen], out, _SIZES[chosen], force=force)
         return
     check_outputs((out / f"{name}.{kind}" for name in pictures), inputs=[gearbox], force=force)
     out.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,7 @@ def dynamics(
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Print natural frequencies; plot mode shapes and the Campbell diagram."""
     import numpy as np  # noqa: PLC0415
 
     from data_synth.dynamics import campbell, solve_modes  # noqa: PLC0415

@@ -53,7 +53,7 @@ def fleet(
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Analyse many records into one table with trends and alarms; re-run to resume, or --append new records."""
     from hums.fleet.fleet_analysis import FILES, analyze_fleet  # noqa: PLC0415
     from hums.fleet.monitor_settings import MonitorSettings  # noqa: PLC0415
     from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415

@@ -22,7 +22,7 @@ def info(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Show the contents of a record, or the size of a dataset and its first record."""
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
 
     if draft is not None:
@@ -49,7 +49,7 @@ def _print_dataset(folder: Path) -> None:
     from hums.records.dataset_store import dataset_files, dataset_record, is_begun  # noqa: PLC0415
 
     if not is_begun(folder):
-        raise ValueError(f"{folder} is not a dataset of hums dataset or hums convert; name a record in it.")
+        raise ValueError(f"{folder} is not a dataset written by hums dataset or hums convert; name a record in it.")
     echo(f"{'dataset':<12} {len(dataset_files(folder))} records; the first:")
     with dataset_record(folder, 0) as first:
         print_record(first)
@@ -111,5 +111,5 @@ def _pulses_text(pulses: "xr.DataArray") -> str:
     if pulses.ndim > 1:
         return f"{int(pulses.notnull().sum())} pulses in all snapshots, {of}"
     speeds = speed_percentiles(pulses)
-    about = "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
+    about = "" if speeds is None else ", about {:.4g} rev/s (98% of revolutions {:.4g} to {:.4g})".format(*speeds)
     return f"{pulses.size} pulses, {of}{about}"

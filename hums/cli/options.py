@@ -152,6 +152,7 @@ def with_settings(
 
         keyword = inspect.Parameter.KEYWORD_ONLY
         own = [one.replace(kind=keyword) for one in inspect.signature(command).parameters.values()]
+        run.__doc__ = command.__doc__
         run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # what typer reads
             [one for one in own if one.name != "settings"]
             + [inspect.Parameter(n, keyword, default=None, annotation=Annotated[of]) for n, of in options.items()]

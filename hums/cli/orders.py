@@ -22,7 +22,12 @@ def orders(
         float | None, typer.Option(help="Speed of the reference in rpm; adds frequencies in Hz and CPM.")
     ] = None,
 ) -> None:
-    """Run the command."""
+    """Print the defect orders of a gearbox.
+
+    Orders are cycles per revolution of the reference shaft. rolling_element is 2 BSF, as a defect strikes both
+    races; tooth is the rate at which one tooth meets its mates; assembly_phase is the mesh order divided by the
+    greatest common divisor of the tooth numbers.
+    """
     from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.kinematics import redundant_meshes, solve_kinematics  # noqa: PLC0415
     from hums.gearbox.mechanism import undeclared_parts  # noqa: PLC0415

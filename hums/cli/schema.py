@@ -13,7 +13,7 @@ def schema(
         typer.Argument(metavar="KIND", help="Kind of file: gearbox, scene, or plan of a dataset."),
     ],
 ) -> None:
-    """Run the command."""
+    """Print the JSON schema of a hand-written file, for validation and completion in editors."""
     import json  # noqa: PLC0415
 
     from data_synth.scene_schema import plan_schema, scene_schema  # noqa: PLC0415

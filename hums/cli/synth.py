@@ -24,7 +24,7 @@ def synth(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Run the command."""
+    """Simulate a record and store it with its ground truth."""
     from data_synth import explain as explained  # noqa: PLC0415
     from data_synth import simulate  # noqa: PLC0415
     from data_synth.cost import refuse_too_large  # noqa: PLC0415

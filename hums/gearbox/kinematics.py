@@ -510,7 +510,7 @@ def redundant_meshes(kinematics: Kinematics) -> list[str]:
     >>> import hums
     >>> from hums.gearbox.kinematics import redundant_meshes
     >>> redundant_meshes(hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99")))
-    ['planet-ring, planet 2 and planet 3: repeats the meshes before it']
+    ['planet-ring (planet 2 and planet 3): constraint already imposed by the preceding meshes']
     """
     pivots: dict[str, Rates] = {}
     found: dict[str, list[str]] = {}
@@ -523,8 +523,8 @@ def redundant_meshes(kinematics: Kinematics) -> list[str]:
             copies = [link for link, _ in contact.gears if link in kinematics.gearbox.copy_links]
             found.setdefault(contact.mesh, []).extend(copies[:1])
     return [
-        f"{', '.join([mesh, ' and '.join(copies)]) if copies else mesh}: repeats the meshes before it"
-        for mesh, copies in found.items()
+        f"{mesh}{copies and f' ({copies})'}: constraint already imposed by the preceding meshes"
+        for mesh, copies in ((mesh, " and ".join(copies)) for mesh, copies in found.items())
     ]
 
 

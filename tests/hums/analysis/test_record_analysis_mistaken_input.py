@@ -105,7 +105,7 @@ def test_the_command_info_prints_the_speed_found(tmp_path, monkeypatch, capsys):
     save_record(record_of(), tmp_path / "record.h5")
     monkeypatch.setattr(sys, "argv", ["hums", "info", str(tmp_path / "record.h5")])
     assert main() == 0
-    assert "about 20 rev/s (98 % of revolutions 20 to 20)" in capsys.readouterr().out
+    assert "about 20 rev/s (98% of revolutions 20 to 20)" in capsys.readouterr().out
 
 
 def test_an_old_record_with_such_pulses_is_refused_when_checked():

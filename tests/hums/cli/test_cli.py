@@ -218,6 +218,10 @@ def test_report_is_made_again(run, analysed, tmp_path, monkeypatch):
     assert "ISO 20816, ours" in (out / "report.html").read_text()
     assert run("report", out / "analysis.h5", "-o", tmp_path / "again", "--units", "Hz")[0] == 0
     assert (tmp_path / "again" / "report.html").read_text() == (out / "report.html").read_text()
+    shutil.copytree(tmp_path / "again", tmp_path / "in place")
+    assert run("report", tmp_path / "in place")[1] == f"report: {tmp_path / 'in place' / 'report.html'}\n"
+    with open_analysis(tmp_path / "in place" / "analysis.h5") as kept, open_analysis(out / "analysis.h5") as first:
+        assert summary(kept) == summary(first)
     earlier = ("--baseline", out / "analysis.h5")
     assert run("report", out / "analysis.h5", "-o", tmp_path / "since", *earlier)[0] == 0
     assert "baseline record.h5" in (tmp_path / "since" / "report.html").read_text()

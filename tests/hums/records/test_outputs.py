@@ -119,7 +119,7 @@ def test_analyze_and_report_write_no_input(refused, made, tmp_path):
     (tmp_path / "analysis.h5").rename(tmp_path / "record.h5")
     (tmp_path / "baseline.h5").rename(tmp_path / "analysis.h5")
     refused("analyze", tmp_path / "record.h5", *words, "--baseline", tmp_path / "analysis.h5", because=READ)
-    refused("report", tmp_path / "analysis.h5", "-o", tmp_path, because=READ)
+    refused("report", made / "analysis.h5", "-o", tmp_path, "--baseline", tmp_path / "analysis.h5", because=READ)
 
 
 def test_fleet_writes_no_input(refused, made, tmp_path):
