@@ -52,7 +52,7 @@ cut from their start; all of them had been inspected while the rules were develo
 and HIT's 900 rpm, so none is unseen."""
 
 # what is said of a record that holds too few meetings of a fault
-TOO_FEW = "cycles of its line|turns are too few|gear revolutions are too few|revolutions only severe damage shows"
+TOO_FEW = "cycles of its line|revolutions are too few|revolutions only severe damage shows"
 LEVELS_DB = (30.0, 40.0, 50.0, 60.0)
 DETECTABLE_DB = 40.0  # matched-filter ratio of fault to noise above which a fault counts as detectable, for all kinds
 # Kind of fault -> kind of the finding, and the range of sizes that is drawn, in mm. What changes a whole gear or shaft

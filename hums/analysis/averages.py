@@ -323,7 +323,7 @@ def parts_of_average(machine: Machine, component: str) -> list[Unmeasured]:
             continue
         why = _NOT_SYNCHRONOUS
         if row.kind == "tooth":
-            why = "one average has no spread from turn to turn by which teeth could be judged"
+            why = "one average has no spread from revolution to revolution by which teeth could be judged"
             if row.component.rpartition("/")[2] not in own:
                 why = f"the record is an average over {component}, in which this gear does not repeat"
         change = "judged in the record from which the average was made"

@@ -572,7 +572,7 @@ def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
             value=math.nan if row.not_judged else row.outlier,
             unit="1",
             noise_limit=math.nan,
-            takes="residual energy over {} turns, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),
+            takes="residual energy over {} revolutions, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),
             source="signals.angle.local_damage",
             withheld=row.not_judged,
         )

@@ -421,7 +421,7 @@ def averaged_indicators(segment: Segment, settings: AnalysisSettings, baseline: 
 def not_averaged(name: str, units: str, made: Sequence[IndicatorValue]) -> list[IndicatorValue]:
     """Return the other indicators of snapshots, withheld: revolutions of several snapshots cannot be averaged."""
     whole = MonitoredComponent(channel=name, units=units, component="record", kind="channel")
-    why = "the angle from one snapshot to the next is not known, so that turns of several cannot be averaged."
+    why = "the angle from one snapshot to the next is not known, so that revolutions of several cannot be averaged."
     known = {row.indicator for row in made}
     return [
         whole.evaluate(name, "pooled snapshots", unavailable(why))

@@ -414,7 +414,7 @@ def _pooled_notes(channel: AnalysedChannel) -> Iterator[str]:
     pieces = "snapshots" if snapshots else "segments"
     yield (
         f"{len(channel.segments)} {pieces} were analysed together: spectra are averages of power over "
-        f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} turns. Lines closer to each other than "
+        f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} revolutions. Lines closer to each other than "
         f"{spectrum.resolution:.2g} orders are one, whatever the number of {pieces}; probabilities are those of "
         "records in one piece, which pooled noise does not exceed."
         + ("" if snapshots else " Indicators and gears are those of the median segment, pictures those of the first.")
@@ -434,7 +434,7 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
         lines = ", ".join(f"{order:.4g}" for order in declared.orders[:6])
         yield (
             f"The declared speed of {shaft} was refined from {declared.declared_hz:.5g} to {declared.speed_hz:.5g} Hz "
-            f"by lines of orders {lines} per turn of it, which show that speed within the tolerance."
+            f"from the lines at orders {lines} of this shaft."
         )
     if machine.phase.nominal:
         known = "refined" if declared is not None and declared.refined else "declared"

@@ -280,8 +280,8 @@ def _why_unmeasured(
         return f"out of band: its line at {line_hz:.4g} Hz is above {carries}", f"judged with {remedy}"
     if turns < _FEWEST_TURNS:
         return (
-            f"too short: {turns:.3g} turns are too few to know the noise next to its line",
-            f"judged in a record of {_FEWEST_TURNS:g} turns or more",
+            f"too short: {turns:.3g} revolutions are too few to estimate the noise next to its line",
+            f"judged in a record of {_FEWEST_TURNS:g} revolutions or more",
         )
     return (
         "out of band: the bands that carry its line contain mostly lines of meshes and shafts",

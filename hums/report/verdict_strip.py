@@ -18,7 +18,7 @@ from hums.analysis.thresholds import FAULTY_DEPTH
 from hums.gearbox.defect_orders import BEARING_KINDS
 
 CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHING_FOUND: "calm"}
-"""Class in the page's style sheet for each verdict; any other verdict is shown as unknown."""
+"""Class in the page's style sheet for each verdict, the most serious first."""
 
 _RARE = 1e-6
 _GROWN = 1.5  # our choice: amplitudes of a healthy machine vary less between records at the same speed and load
@@ -112,7 +112,7 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
         since, next, evidence and least_change, in words; empty if unknown.
     """
     rows = [_row(finding, facts, past) for finding in facts["findings"]]
-    rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
+    rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]))
     every = facts.get("verdicts", ())
     if not rows:
         limit = facts["settings"]["false_alarm_probability"]
@@ -159,7 +159,7 @@ def component_styles(facts: Facts) -> dict[str, str]:
     for finding in facts.get("verdicts") or facts["findings"]:
         if finding.get("kind") == "shaft" and finding["verdict"] == NOT_JUDGED:
             continue
-        style = CLASSES.get(finding["verdict"], "unknown")
+        style = CLASSES[finding["verdict"]]
         known = gravest.setdefault(finding["component"], style)
         if ranks.index(style) < ranks.index(known):
             gravest[finding["component"]] = style
@@ -174,7 +174,7 @@ def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[s
         "verdict": verdict,
         "word": verdict,
         "unjudged": "",
-        "style": CLASSES.get(verdict, "unknown"),
+        "style": CLASSES[verdict],
         "line": _line_words(finding, facts),
         "sure": _sure(finding),
         "severity": _severity(finding),
@@ -187,18 +187,12 @@ def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[s
 
 
 def _sure(finding: Mapping[str, Any]) -> str:
-    """Return the probabilities of a verdict in words, those that this version does not know by their names."""
-    said = []
-    for name, value in finding.items():
-        if not name.endswith("probability") or value is None:
-            continue
-        if name != "false_alarm_probability":
-            said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
-        elif finding.get("strength") is None:
-            said.append(f"{probability_words(value)} records of healthy gears show as much")
-        else:
-            said.append(f"{healthy_share_words(value)} records of healthy machines show as much")
-    return "; ".join(said)
+    """Return the false-alarm probability of a finding in words; empty if it has none."""
+    value = finding["false_alarm_probability"]
+    if value is None:
+        return ""
+    words, of = (probability_words, "gears") if finding.get("strength") is None else (healthy_share_words, "machines")
+    return f"{words(value)} records of healthy {of} show as much"
 
 
 def _line_words(finding: Mapping[str, Any], facts: Facts) -> str:
@@ -297,12 +291,4 @@ def _next(finding: Mapping[str, Any], facts: Facts) -> str:
     faulty = {item["name"] for item in facts["health"] if item["status"] == "faulty"}
     if finding.get("channel") in faulty:
         return f"Repair the sensor of {finding['channel']} first, then record again."
-    if finding.get("next_step"):
-        return str(finding["next_step"])
-    if finding["verdict"] == "diagnosed":
-        if finding["kind"] in BEARING_KINDS:
-            return "Inspect the bearing, and check its grease or oil for particles."
-        return "Inspect the teeth, first those that stand out in the average below."
-    if finding["verdict"] == "indicated":
-        return "Record again at the same speed and load, with this analysis as the baseline; inspect if it grows."
-    return "Remove the cause that prevents a verdict, then record again."
+    return str(finding["next_step"])

@@ -28,6 +28,7 @@ def finding(verdict, **changed):
         "order_found": 2.5,
         "amplitude": 0.3,
         "units": "g",
+        "next_step": "Inspect it.",
     } | changed
 
 
@@ -45,16 +46,14 @@ def facts(*findings, lines=(LINE,), recorded_at="2026-01-02", status="ok"):
     }
 
 
-def test_gravest_first_and_unknown_words_are_shown():
-    rows = verdict_rows(facts(finding("not judged"), finding("something new"), finding("diagnosed")))
-    assert [row["verdict"] for row in rows] == ["diagnosed", "not judged", "something new"]
-    assert [row["style"] for row in rows] == ["alarm", "unknown", "unknown"]
+def test_gravest_first():
+    rows = verdict_rows(facts(finding("indicated"), finding("diagnosed")))
+    assert [row["style"] for row in rows] == ["alarm", "watch"]
     assert component_styles(facts(finding("indicated"), finding("diagnosed"))) == {"bearing": "alarm"}
 
 
-def test_every_probability_of_a_finding_is_said():
-    sure = verdict_rows(facts(finding("diagnosed", healthy_machine_probability=0.02)))[0]["sure"]
-    assert sure == "1 in 250 records of healthy gears show as much; healthy machine probability 1 in 50"
+def test_the_probability_of_a_finding_is_said():
+    assert verdict_rows(facts(finding("diagnosed")))[0]["sure"] == "1 in 250 records of healthy gears show as much"
     rare = verdict_rows(facts(finding("diagnosed", strength=0.8, false_alarm_probability=0.0005)))[0]["sure"]
     assert rare == "fewer than 1 in 2,000 records of healthy machines show as much"
 
