@@ -113,7 +113,7 @@ def _api_page(package: str, about: str) -> str:
     _, _, examples = (module.__doc__ or "").partition("Examples\n--------\n")
     lines += [examples, ""]
     if elsewhere:
-        lines += [f"Also here: {', '.join(f'``{name}``' for name in elsewhere)}.", ""]
+        lines += [f"Also exported: {', '.join(f'``{name}``' for name in elsewhere)}.", ""]
     for topic, names in sorted(topics.items()):
         lines += [topic, "-" * len(topic), "", ".. autosummary::", "   :toctree: generated", ""]
         lines += [*(f"   {name}" for name in names), ""]

@@ -97,15 +97,17 @@ def analyze(
         lines of components with a finding), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
         `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
 
-    Notes ----- A record is analysed in segments (`hums.analysis.segments`): one of more than 4,000,000 samples per
-    channel is cut into equal parts, and a gap ends a segment. Spectra are power-averaged, lines and components judged
-    once; indicators and gears are those of the median segment, weighted by revolutions (`hums.analysis.channel`).
-
     Raises
     ------
     AnalysisError
         If a channel or shaft does not exist, no channel varies between gaps, the speed cannot be estimated, or
         the record is shorter than one revolution of the reference.
+
+    Notes
+    -----
+    A record is analysed in segments (`hums.analysis.segments`): one of more than 4,000,000 samples per channel is cut
+    into equal parts, and a gap ends a segment. Spectra are averaged in power, and lines and components are judged once;
+    indicators and gears are those of the median segment, weighted by revolutions (`hums.analysis.channel`).
 
     Examples
     --------
