@@ -1,9 +1,9 @@
 """Bandwidth, process noise and Vold-Kalman weight, equivalent to one another, and the gains that follow from them.
 
 For a quadrature whose `poles`-th difference is white with variance q, in white noise of variance N, the steady-state
-smoother has the gain `H(w) = 1 / (1 + (N / q) x^poles)`, where `x = (2 sin(w / 2))^2`, w in rad a sample [1]_.
+smoother has the gain `H(w) = 1 / (1 + (N / q) x^poles)`, where `x = (2 sin(w / 2))^2`, w in rad per sample [1]_.
 The bandwidth is the full width, from one side of the line to the other, between the points `w = pi bandwidth`
-(bandwidth in cycles a sample) where H has fallen to 1 / sqrt(2).
+(bandwidth in cycles per sample) where H has fallen to 1 / sqrt(2).
 
 The poles of H lie where x is one of the roots c of `c^poles = -q / N`, each at a pair z, 1 / z of
 `(1 - z)^2 = -c z`. With the z inside the unit circle the spectrum of the record factors, and the causal
@@ -60,7 +60,7 @@ def process_variance(
     bandwidth
         (order,) array or number, full -3 dB width of the smoother, in Hz or in orders.
     rate
-        Samples per second (bandwidth in Hz) or per revolution (bandwidth in orders).
+        Sampling rate in Hz (bandwidth in Hz) or in samples per revolution (bandwidth in orders).
     poles
         Number of integrations of the random walk, 1 to 4.
     noise_variance
@@ -93,9 +93,9 @@ def isolated_std(
     noise_variance: float,
     estimator: Literal["smoother", "filter"] = "smoother",
 ) -> Floats:
-    """Return the steady-state standard deviation of the amplitude of an order that no other order is near.
+    """Return the steady-state standard deviation of the amplitude of an isolated order.
 
-    `OrderTracks.std` has this value far from the ends of a record without gaps, averaged over the order's turns.
+    `OrderTracks.std` has this value far from the ends of a record without gaps, averaged over cycles of the order.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def isolated_std(
     Returns
     -------
     (order,) array
-        Standard deviation of the real part, equally of the imaginary part, in the unit of the record.
+        Standard deviation of the real part, which equals that of the imaginary part, in the unit of the record.
 
     Examples
     --------
@@ -188,7 +188,7 @@ class Bandwidth:
         return float(variance_ratio(self.width, self.poles) ** -0.5)
 
     def smoother_gain(self, offset: ArrayLike) -> Floats:
-        """Return the gain, real, of the smoother for an envelope at `offset` from the order, in cycles per sample."""
+        """Return the real gain of the smoother for an envelope at `offset` from the order, in cycles per sample."""
         sine = np.sin(np.pi * np.asarray(offset, dtype=np.float64)) / np.sin(0.5 * np.pi * self.width)
         with np.errstate(over="ignore"):  # far off a narrow band nothing is passed
             return np.asarray(1 / (1 + HALF_POWER * sine ** (2 * self.poles)))
@@ -201,8 +201,8 @@ class Bandwidth:
     def filter_gain(self, offset: ArrayLike) -> Complexes:
         """Return the complex gain of the steady-state causal filter with the same process noise, as `smoother_gain`.
 
-        For narrow bandwidths it is 3 dB down at 1.554, 2.565, 3.279 and 4.080 times the smoother's offset, and reaches
-        0, 2.1, 4.0 and 5.2 dB beside the order, for 1 to 4 poles.
+        For narrow bandwidths it is 3 dB down at 1.554, 2.565, 3.279 and 4.080 times the smoother's offset, and peaks at
+        0, 2.1, 4.0 and 5.2 dB next to the order, for 1 to 4 poles.
         """
         u = self._pole_distances
         ahead = np.expm1(2j * np.pi * np.asarray(offset, dtype=np.float64))[..., None]
@@ -249,7 +249,7 @@ def _checked_width(bandwidth: ArrayLike, rate: float, orders: ArrayLike) -> Floa
 
 
 def variance_ratio(width: ArrayLike, poles: int) -> Floats:
-    """Return q / N for a width in cycles a sample."""
+    """Return q / N for a width in cycles per sample."""
     sine = np.sin(0.5 * np.pi * np.asarray(width, dtype=np.float64))
     return np.asarray((2 * sine) ** (2 * poles) / HALF_POWER)
 

@@ -1,9 +1,9 @@
 """Maximum-likelihood bandwidth of each order: how fast its amplitude varies in a record.
 
-A tracker's `std` is right where its random walk varies as the amplitudes do. Here the amplitudes are random walks over
-nodes, a tenth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
-poles: the moments of a block hold all information of its samples (see `node_chain`). The likelihood of the
-chain of nodes is found by integrating out its states one after the other: the product of the densities of a Kalman
+The `std` of a tracker is correct if its random walk varies as fast as the amplitudes do. Here the amplitudes are random
+walks over nodes spaced by 0.1 over the largest bandwidth, and polynomials in between, straight lines with one or two
+poles: the moments of a block hold all information of its samples (see `node_chain`). The likelihood of the chain of
+nodes is obtained by integrating out its states one after the other: it is the product of the densities of a Kalman
 filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted.
 
 References
@@ -116,16 +116,17 @@ def likely_bandwidth(
         As for `track_orders`.
     largest_bandwidth_hz, largest_bandwidth_orders
         Upper bound of the search in Hz, with `rate_hz`, or in cycles per revolution, with `samples_per_rev`. Orders
-        within 2.5 times of it of one another are estimated jointly, at a cost that grows with the cube of their number.
+        closer to each other than 2.5 times this are estimated jointly, at a cost that grows with the cube of their
+        number.
     noise_variance
-        Variance of white noise as dense as the noise about each order, one number or (order,) array; by default found
-        on both sides of the order, outside the largest bandwidth.
+        Variance of white noise with the density found around each order, one number or (order,) array; by default
+        estimated on both sides of the order, outside the largest bandwidth.
 
     Returns
     -------
     (order,) array
-        Bandwidths in Hz or in orders, between a tenth of one over the record (a constant amplitude) and the largest
-        allowed (one that varies at least as fast).
+        Bandwidths in Hz or in orders, between 0.1 over the length of the record (a constant amplitude) and the largest
+        allowed (an amplitude that varies at least as fast).
 
     Raises
     ------
@@ -136,7 +137,7 @@ def likely_bandwidth(
 
     Examples
     --------
-    A constant amplitude in noise needs no more than a tenth of 1 / record, here 0.1 Hz:
+    For a constant amplitude in noise, the result is 0.1 over the length of the record, here 0.1 Hz:
 
     >>> import numpy as np
     >>> from signals.harmonics import likely_bandwidth

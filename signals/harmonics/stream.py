@@ -52,8 +52,8 @@ class OrderTracker:
     Parameters
     ----------
     orders
-        Orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean, which is tracked
-        whether asked for or not.
+        Orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean, which is always
+        tracked.
     noise_variance
         Variance R of the white noise in the record, in its unit squared.
     bandwidth_hz, bandwidth_orders
@@ -62,7 +62,7 @@ class OrderTracker:
     rate_hz, samples_per_rev, poles, initial_std, output_every
         As for `track_orders`.
     method
-        "exact", or "fast": with steady-state gains where they have settled, in a quarter of the time. Blocks in which
+        "exact", or "fast": steady-state gains once they have settled, in a quarter of the time. Blocks in which
         orders come too close for these are filtered exactly.
 
     Examples
@@ -136,8 +136,8 @@ class OrderTracker:
         -------
         OrderTracks
             `sample_index` counts from the start of the stream; innovations are those of all samples so far. Flags use
-            mean speeds over at most a quarter of 1 / bandwidth within the block; orders are not separable until a turn
-            apart.
+            mean speeds over at most a quarter of 1 / bandwidth within the block; orders are not separable until
+            they are one cycle apart.
         """
         block, phase = self._check_block(x, phase_rad)
         if self._progress is None:

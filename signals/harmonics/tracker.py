@@ -63,7 +63,7 @@ def track_orders(
     """Estimate the complex amplitude of every shaft order at every output sample, with its standard deviation.
 
     A Kalman filter or smoother estimates all orders jointly: close and crossing orders are separated, and `std` grows
-    where the record does not determine them separately. `signals.harmonics.state_space` states the model.
+    where the record cannot resolve them. `signals.harmonics.state_space` states the model.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def track_orders(
         Shaft angle in rad, or a mapping from shaft name to such an array.
     orders
         Orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the mean,
-        which the filter tracks whether asked for or not.
+        which the filter always tracks.
     bandwidth_hz
-        Full -3 dB width of the smoother in Hz, with `rate_hz`: one number for all orders, one for each, or, where it
+        Full -3 dB width of the smoother in Hz, with `rate_hz`: one number for all orders, one for each, or, if it
         varies, an (order, sample) or (1, sample) array.
     bandwidth_orders
         The same in cycles per revolution of the order's own shaft, with `samples_per_rev`, or with `rate_hz`: then it
@@ -92,30 +92,30 @@ def track_orders(
         "smoother" uses all samples for each output, "filter" only those up to it; at the same `bandwidth` the filter
         passes a wider band.
     method
-        "exact" filters sample by sample, and smooths in blocks so short that the error is below 0.3 % of `std` (root
-        mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains once
-        they settle, which needs a constant bandwidth. "auto" takes "exact" where that is quick, where blocks
-        would be too short, short gaps break them up, or orders stay within half a bandwidth of each other; else
-        "fast". `OrderTracks.method` is the one that ran.
+        "exact" filters sample by sample, or smooths all orders jointly in blocks so short that the RMS error is below
+        0.3 % of `std`. "fast" smooths in longer blocks, or filters with steady-state gains once they have settled,
+        which requires a constant bandwidth. "auto" selects "exact" if it is quick, if blocks would be too short or are
+        broken up by short gaps, or if orders stay within half a bandwidth of each other; otherwise "fast".
+        `OrderTracks.method` states which one ran.
     output_every
         Samples from one output to the next.
     rtol
-        Largest error of "fast": of the smoother, relative to the amplitude of an envelope at the edge of the bandwidth;
-        of the filter where "auto" chooses it, the relative growth of the exact filter's error.
+        Largest error of "fast": for the smoother, relative to the amplitude of an envelope at the edge of the
+        bandwidth; for a filter selected by "auto", the relative increase in the error of the exact filter.
     noise_variance
-        Variance R of white noise in `x`, in its unit squared; by default the density of the noise about each order is
+        Variance R of white noise in `x`, in its unit squared; by default the noise density around each order is
         estimated from the record.
     initial_std
-        Prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; needs
-        `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default 1000 standard
+        Prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; requires
+        `noise_variance`. For the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default: 1000 standard
         deviations of the noise, a prior without effect after a few samples.
     phase_std_rad
-        Standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one number,
-        (sample,) array, or a mapping as `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
+        Standard deviation in rad of errors of the shaft angle that vary slowly compared with 1 / bandwidth: a number,
+        a (sample,) array, or a mapping like `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
     clip_limits
-        Smallest and largest value that the sensor records, infinite for none; only with "smoother". A sample at or
-        beyond one of them is known to lie there and no more: it is replaced by its expectation until that no longer
-        changes, some ten times the work. Marked as missing instead, clipped samples draw amplitudes towards zero.
+        Smallest and largest value that the sensor can record, infinite for no limit; only with "smoother". A sample at
+        or beyond a limit is treated as censored: it is replaced by its conditional expectation, repeatedly until that
+        converges, at about ten times the cost. Marking clipped samples as missing would bias amplitudes towards zero.
 
     Returns
     -------
@@ -293,7 +293,7 @@ def vold_kalman_filter(
         Weight r of the `poles`-th difference of each envelope, one number or (order,) array; a bandwidth has the weight
         `Bandwidth.weight`.
     poles
-        Order of the difference that is kept small, 1 to 4.
+        Order p of the difference that is minimised, 1 to 4.
     rate_hz
         Sampling rate in Hz, which gives the bandwidths of the result in Hz; the estimates do not depend on it.
 

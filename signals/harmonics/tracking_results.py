@@ -32,7 +32,7 @@ class OutputFlag(IntFlag):
     NONE = 0
     NEAR_END = 1  # within half of 1 / bandwidth of the first sample or, smoother only, of the last
     NEAR_GAP = 2  # a quarter or more of the samples within half of 1 / bandwidth are missing
-    NOT_SEPARABLE = 4  # within half a bandwidth of another order, or less than a turn from it over the whole record
+    NOT_SEPARABLE = 4  # within half a bandwidth of another order, or less than one cycle apart over the whole record
     ONE_QUADRATURE = 8  # within half a bandwidth of its own image: the shaft at rest, or the order at half the rate
 
 
@@ -41,27 +41,27 @@ class OrderTracks:
     """Complex amplitudes of shaft orders with their standard deviations, as `track_orders` returns them.
 
     An order's waveform is `Re{ Z exp(j order phase) }`: `abs(Z)` is its peak amplitude in the unit of the record,
-    `angle(Z)` its phase where the shaft angle is zero; order 0 is real. Records of two dimensions have a channel axis.
+    `angle(Z)` its phase at shaft angle zero; order 0 is real. Results for two-dimensional records have a channel axis.
 
     Attributes
     ----------
     complex_amplitude
         ([channel,] order, output) array, Z.
     settling_variance
-        ([channel,] order, settling) array, mean variance of the real and imaginary part of Z where R = 1: at every
+        ([channel,] order, settling) array, mean variance of the real and imaginary part of Z for R = 1: at every
         output, or at nodes `std_spacing` samples apart.
     std_spacing
-        Samples between these nodes; None where `settling_variance` is that of outputs.
+        Samples between these nodes; None if `settling_variance` is given at the outputs.
     angle_std : (order, output or 1) array
-        Standard deviation of `order phase_rad` in rad; None where not given.
+        Standard deviation of `order phase_rad` in rad; None if not given.
     flags
-        ([channel,] order, output) array of `OutputFlag`; a view where channels miss the same samples.
+        ([channel,] order, output) array of `OutputFlag`; a view if all channels miss the same samples.
     orders : (order,) array
         Cycles per revolution of the order's own shaft.
     shafts
-        Name of each order's shaft; empty where one unnamed phase was given.
+        Name of each order's shaft; empty for a single unnamed phase.
     bandwidth : (order,) array
-        Full -3 dB width of the steady-state smoother, as given; the mean where it varies.
+        Full -3 dB width of the steady-state smoother, as given; its mean if it varies.
     bandwidth_units
         "hz" or "orders".
     bandwidth_cycles : (order,) array
@@ -73,22 +73,22 @@ class OrderTracks:
     method
         "exact" or "fast": the one that ran.
     error_bound
-        Largest error that "fast" adds; 0 for "exact". Smoother: relative to the largest amplitude among orders that
-        leak into one another (its noise agrees with the exact one's to some hundredths of `std`); infinite where, with
-        several poles, orders that stay within half a bandwidth of each other leak into orders that are not smoothed
-        with them. Filter: relative to the error of the exact filter, noise and lag.
+        Largest error added by "fast"; 0 for "exact". Smoother: relative to the largest amplitude among orders that
+        leak into one another (its noise agrees with that of the exact one to a few hundredths of `std`); infinite if,
+        with several poles, orders that stay within half a bandwidth of each other leak into orders that are not
+        smoothed jointly with them. Filter: relative to the error of the exact filter, noise and lag.
     noise_variance
         ([channel,]) R, as given or as estimated from the record.
     noise_density
-        ([channel,] order, interval) array, variance of white noise as dense as that on both sides of each order, in
-        equal intervals of the record: `std` rests on it. R where it was given or the record shows too little noise.
+        ([channel,] order, interval) array, variance of white noise with the density found on both sides of each order,
+        in equal intervals of the record: the basis of `std`. R if it was given or the record shows too little noise.
     noise_freedom
-        ([channel,] order or 1, interval) array, degrees of freedom of the estimate `noise_density`; infinite where it
+        ([channel,] order or 1, interval) array, degrees of freedom of the estimate `noise_density`; infinite if R
         was given.
     innovation_mean_square
-        ([channel,]) mean, after start-up, of the squared innovations over their variances: near 1 when a given R and
-        the bandwidths suit the record, 1 by construction where R was estimated, NaN where there is none: in a channel
-        without a sample, or before start-up is over. A smoother takes its residuals instead.
+        ([channel,]) mean, after start-up, of the squared innovations over their variances: near 1 if a given R and the
+        bandwidths suit the record, 1 by construction if R was estimated, NaN for a channel without samples or before
+        the end of start-up. For a smoother, the residuals are used instead.
     clipped_share
         ([channel,]) share of the samples at or beyond `clip_limits`; above 0.05 `std` is a lower bound.
     samples, output_every, first_output
@@ -147,15 +147,15 @@ class OrderTracks:
         return std
 
     def half_width(self, probability: float) -> Floats:
-        """Return the half width of the interval about the real or imaginary part of Z that holds the true one.
+        """Return the half-width of the confidence interval of the real or imaginary part of Z.
 
-        Student's t at `noise_freedom` times `std`: wider than for a normal distribution where the noise's density rests
-        on few independent values.
+        It is `std` times the quantile of Student's t with `noise_freedom` degrees of freedom, and so wider than that of
+        a normal distribution if the noise density was estimated from few independent values.
 
         Parameters
         ----------
         probability
-            With which the interval holds the truth, between 0 and 1.
+            Probability that the interval contains the true value, between 0 and 1.
 
         Returns
         -------
@@ -163,7 +163,7 @@ class OrderTracks:
 
         Examples
         --------
-        Of a short record, 90 % within 1.83 rather than 1.64 standard deviations:
+        In a short record, 90 % intervals reach 1.83 rather than 1.64 standard deviations:
 
         >>> import numpy as np
         >>> from signals.harmonics import track_orders

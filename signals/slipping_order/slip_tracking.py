@@ -69,14 +69,14 @@ class SlippingTrack:
     std : (harmonic, output) array
         `sqrt(E|Zhat - Z|^2 / 2)` given the slipped phase.
     amplitude_std : (harmonic, output) array
-        Of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
+        Standard deviation of `abs(Z)`; equal to `std` where Z is 0 and its phase undefined.
     phase_std_rad : (harmonic, output) array
-        Of the harmonic's whole phase in rad; above about 1 the phase is unknown. At most pi / sqrt(3), that of a
-        uniform phase: where Z is 0, or no line is detected.
+        Standard deviation in rad of the total phase of the harmonic; above about 1 the phase is unknown. At most
+        pi / sqrt(3), that of a uniform phase, which is given where Z is 0 or no line is detected.
     slip : (output,) array
         Relative deviation: the line is at `order (1 + slip)`.
     slip_std : (output,) array
-        Where no line is detected at least that of a uniform slip in +- largest_slip.
+        Standard deviation of the slip; without a detected line, at least that of a uniform slip in +- largest_slip.
     slip_phase_rad : (output,) array
         Phase of the fundamental less `order phase`, in rad, zero at the first output.
     sample_index : (output,) array
@@ -90,17 +90,17 @@ class SlippingTrack:
     noise_variance
         R, as given or as estimated on both sides of the line.
     innovation_mean_square
-        Mean of the squared innovations over their variances: near 1 when R, bandwidth and slip_change_per_rev suit the
+        Mean of the squared innovations over their variances: near 1 if R, bandwidth and slip_change_per_rev suit the
         record.
     false_alarm_probability
         Bound on the probability that white Gaussian noise has a path of slips with as much power over R; a neighbouring
         line is no false alarm in this sense.
     status
-        "converged"; "slip at its bound": converged, but the slip is beyond largest_slip by more than its std, where no
-        line was searched for, so take a larger one; "slip faster than declared": it changes by more than it does with
-        this slip_change_per_rev in a thousandth of all records, so take a larger one, for slip_std is too small; "not
+        "converged"; "slip at its bound": converged, but the slip exceeds largest_slip, the limit of the search, by more
+        than its std: increase largest_slip; "slip faster than declared": the slip changes by more than it would in one
+        of 1000 records with this slip_change_per_rev, so slip_std is too small: increase slip_change_per_rev; "not
         converged": the last step was not yet negligible; "single pass": the filter does not iterate; "no line": the
-        false alarm probability is above 0.01, and the estimates are those of noise.
+        false-alarm probability is above 0.01, and the estimates are those of noise.
     iterations
         Number of Gauss-Newton steps.
     objective : (step,) array
@@ -163,8 +163,8 @@ def track_slipping_order(
 ) -> SlippingTrack:
     """Estimate the complex amplitudes and the slip of an order that varies about its nominal value.
 
-    The mean of the record is tracked as an order of its own. Others are noise to this estimator: subtract strong ones
-    near it from `x` first.
+    The mean of the record is tracked as an order of its own. Other orders are noise to this estimator: subtract strong
+    ones near the line from `x` first.
 
     Parameters
     ----------
@@ -175,26 +175,26 @@ def track_slipping_order(
     order
         Nominal order of the line in cycles per revolution.
     largest_slip
-        Half width of the search, `order (1 +- largest_slip)`; 0.02 suits most rolling bearings. Also the prior standard
+        Half-width of the search, `order (1 +- largest_slip)`; 0.02 suits most rolling bearings. Also the prior standard
         deviation of the first slip about zero; later slips are not bounded.
     slip_change_per_rev
-        Standard deviation of the change of the slip in one revolution, sqrt(m) times that in m; 0.001 lets a line at 1
-        % drift by another per cent in a hundred revolutions.
+        Standard deviation of the change of the slip in one revolution, sqrt(m) times that in m revolutions; with 0.001,
+        a slip of 1 % may change by another per cent in a hundred revolutions.
     bandwidth_hz, bandwidth_orders, rate_hz, samples_per_rev
         Full -3 dB width of the smoother of the amplitude, one number, or a (1, sample) array where it varies, with the
         units and rates of `track_orders`.
     harmonics
         Number of harmonics, from the fundamental on, which share one slip and one noise variance.
     estimator
-        "smoother" uses all samples for each output; "filter" the blocks up to it, but for its first slip, which the
-        search found in the first segment. It corrects the phase along the tangent, so its amplitudes are too large by
-        about half of `amplitude_std`.
+        "smoother" uses all samples for each output; "filter" uses the blocks up to it, except for the first slip, which
+        is found by the search in the first segment. The filter corrects the phase along the tangent, so its amplitudes
+        are too large by about half of `amplitude_std`.
     output_every
         Samples from one output to the next. Default: the longest block in which amplitude and slip can be held
-        constant, a 200th of 1 / bandwidth or less. Fewer outputs leave these blocks as they are.
+        constant, a 200th of 1 / bandwidth or less. Fewer outputs do not change these blocks.
     noise_variance
-        Variance R of white noise as dense as that about the line; estimated beside it by default, which takes a hundred
-        samples or so.
+        Variance R of white noise with the density found around the line; estimated on both sides of it by default,
+        which requires about a hundred samples.
     most_iterations
         Largest number of Gauss-Newton steps.
 
