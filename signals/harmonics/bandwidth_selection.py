@@ -192,8 +192,6 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     grid = Grid(model=smooth, x=x[None], seen=seen, length=length, tolerance=SUBTRACTED)
     startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
     fit = BlockFit.of(grid)
-    if fit.coupling:
-        fit.coupling.subtract(fit.smoothed)
     if noise is None:
         white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
         noise = noise_density(x[None], seen, model, white, curved=False)[0][0].mean(axis=-1)

@@ -102,6 +102,20 @@ class Grid:
         return np.asarray(np.interp(place, np.arange(self.nodes), nodes.astype(np.float64)))
 
     @cached_property
+    def cut(self) -> Flags:
+        """(node,) array, true where a weight is incomplete or a speed jumps."""
+        return (self.shares < 1 - self.tolerance) | self.jumps
+
+    def around(self, nodes: slice, memories: float) -> slice:
+        """Return a range of nodes, widened by so many time constants."""
+        reach = self.reach(memories)
+        return slice(max(nodes.start - reach, 0), min(nodes.stop + reach, self.nodes))
+
+    def samples_of(self, nodes: slice) -> slice:
+        """Return the range of samples from some nodes on."""
+        return slice(min(nodes.start * self.length, self.samples - 1), min(nodes.stop * self.length, self.samples))
+
+    @cached_property
     def jumps(self) -> Flags:
         """(node,) array, true where a speed jumps in a block beside the node."""
         largest = np.zeros(self.blocks)

@@ -18,7 +18,7 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from signals.harmonics.block_grid import Grid, at_outputs, pieces_between
-from signals.harmonics.coupling import Coupling, Smoothed, couple, smooth_apart, smooth_together
+from signals.harmonics.coupling import Joint, Smoothed, couple, smooth_apart, smooth_jointly
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.separability import Closeness
@@ -33,9 +33,6 @@ RESIDUAL_SAMPLES = 1 << 16
 SEGMENTS = 16
 # Neighbours that leak more are coupled, whatever tolerance is given: to subtract more of them later costs more.
 LARGEST_LEAK = 1e-3
-# Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
-# from all samples.
-SMALL_PART = 0.3
 # Part of 1 / bandwidth in a block of the exact setting, with one pole and with more: measured with amplitudes that walk
 # as the model says, estimates are then within 1e-3 of `std` (root mean square) of those of single samples.
 LONGEST_EXACT = 1 / 150, 1 / 64
@@ -70,24 +67,24 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     Residuals count in the statistics from sample `startup` on.
     """
     length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
-    grid = Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance)
-    fit = BlockFit.of(grid)
-    smoothed, residuals = fit.smoothed, fit.residuals(startup)
-    if fit.coupling:
-        least = np.sqrt(smoothed.variances.min() * residuals.mean_square)
-        far = bool(np.any(tolerance * np.abs(smoothed.levels).max(axis=(1, 2)) > SMALL_PART * least))
-        fit.coupling.subtract(smoothed, everywhere=far)
-        residuals = fit.residuals(startup) if far and not fit.alike else residuals
-    leaked = fit.coupling.left if fit.coupling else 0.0
+    if length == 1:
+        return exact(model, x, seen, output_every=output_every, startup=startup)
+    fit = BlockFit.of(Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance))
     droop = (pi * model.bandwidth.max() * length) ** 2 / 12  # of an amplitude at the edge of the widest band
-    bound = max(droop, scattered_share(seen, length), tolerance, leaked)
-    if fit.coupling and model.poles > 1 and fit.alike:
+    bound = max(droop, scattered_share(seen, length), tolerance, fit.left)
+    if fit.left > 0 and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
-    return fit.estimate(residuals, output_every=output_every, error_bound=bound)
+    return fit.estimate(fit.residuals(startup), output_every=output_every, error_bound=bound)
 
 
 def exact(
-    model: HarmonicModel, x: Floats, seen: Flags, *, output_every: int, startup: int, noise_variance: float | None
+    model: HarmonicModel,
+    x: Floats,
+    seen: Flags,
+    *,
+    output_every: int,
+    startup: int,
+    noise_variance: float | None = None,
 ) -> Estimate:
     """Smooth all channels of a record in short blocks, all orders together.
 
@@ -96,8 +93,9 @@ def exact(
     length, alike = exact_length(model, seen.size), Closeness.of(model).dwell()
     while True:
         grid = Grid(model=model, x=x, seen=seen, length=length)
-        smoothed = smooth_together(grid)
-        fit = BlockFit(grid=grid, smoothed=smoothed, coupling=None, alike=alike)
+        smoothed, nodes = Smoothed.empty(grid), slice(0, grid.nodes)
+        smooth_jointly(grid, Joint(np.arange(model.orders.size), nodes, nodes), None, smoothed)
+        fit = BlockFit(grid=grid, smoothed=smoothed, left=0.0, alike=alike)
         residuals = fit.residuals(startup)
         std = np.sqrt(residuals.mean_square if noise_variance is None else np.full(len(x), noise_variance))
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
@@ -124,16 +122,15 @@ class BlockFit:
 
     grid: Grid  # the record
     smoothed: Smoothed  # what is estimated
-    coupling: Coupling | None  # which orders are smoothed together; None where all are, or none is
+    left: float  # largest leakage that is not smoothed jointly, relative to the largest amplitude
     alike: bool  # whether orders stay within half a bandwidth of each other
 
     @classmethod
     def of(cls, grid: Grid) -> "BlockFit":
         """Smooth a record."""
-        smoothed = smooth_apart(grid)
-        closeness = Closeness.of(grid.model)
-        coupling = couple(grid, closeness, smoothed)
-        return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
+        smoothed, closeness = smooth_apart(grid), Closeness.of(grid.model)
+        left = couple(grid, closeness, smoothed)
+        return cls(grid=grid, smoothed=smoothed, left=left, alike=closeness.dwell())
 
     def estimate(self, residuals: Innovations, *, output_every: int, error_bound: float) -> Estimate:
         """Return the estimate at the outputs, with the statistics of `residuals`."""

@@ -7,7 +7,7 @@ samples under incomplete weights. Where amplitudes are far above `std`, they are
 """
 
 from dataclasses import dataclass
-from math import log, pi
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
 from signals.harmonics.node_chain import Information, NodeChain, smooth_chain
-from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left_over
+from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 from signals.harmonics.state_space import Complexes, Flags, Floats, Indices
 
 # ---- Smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
@@ -94,24 +94,12 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before)
 
 
-def smooth_together(grid: Grid) -> Smoothed:
-    """Smooth all orders jointly."""
-    smoothed = Smoothed.empty(grid)
-    smooth_jointly(grid, Joint.throughout(grid, np.arange(grid.model.orders.size)), None, smoothed)
-    return smoothed
-
-
 class Joint(NamedTuple):
     """Orders that are smoothed jointly."""
 
     group: Indices
     kept: slice  # the nodes for which they are
     nodes: slice  # those whose data are used, some more on either side
-
-    @classmethod
-    def throughout(cls, grid: Grid, group: Indices) -> "Joint":
-        """Return those of a group smoothed jointly at all nodes."""
-        return cls(group, slice(0, grid.nodes), slice(0, grid.nodes))
 
 
 def smooth_jointly(grid: Grid, joint: Joint, data: Floats | None, smoothed: Smoothed) -> None:
@@ -157,85 +145,86 @@ def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats | None
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
 
-# After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
-# to fall to the tolerance.
-FEWEST_MEMORIES = 4.0
-# So far outside, at least, orders are smoothed jointly too: what is beyond has no effect.
-MARGIN = 6.0
+# Time constants about ends and gaps in which orders are smoothed jointly that leak into one another there, and outside
+# of what is smoothed jointly from which data are used: what is beyond has no effect.
+MEMORIES = 6.0
 # A round leaves of what it moved the share that an incomplete weight lets through of a line a turn or more a block off.
 LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
+# Parts of the record, at most, in which it is looked for orders that leak into one another.
+MOST_PARTS = 32
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
 
 
-def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | None":
+def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
     """Smooth jointly, in place, the orders that leak into one another by the estimates of `smooth_apart`.
 
-    Returns the coupling, for further rounds near ends and gaps and of large amplitudes; None where all orders are one
-    group.
+    Returns the largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
     """
     size = smoothed.size
-    received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)
+    joints, left = _inside(grid, closeness, size)
+    together = np.zeros((size.size, grid.nodes), dtype=np.bool_)  # where orders are smoothed with others
+    for joint in joints:
+        together[joint.group, joint.kept] = True
+        smooth_jointly(grid, joint, grid.at_nodes(grid.moments[:, :, joint.group])[joint.nodes], smoothed)
+    near_ends, more = _near_ends(grid, closeness, size)
+    # where all orders are one group, no others are left to be subtracted
+    whole = [joint.kept for joint in joints if joint.group.size == size.size]
+    near_ends = [
+        joint for joint in near_ends if not any(k.start <= joint.kept.start < joint.kept.stop <= k.stop for k in whole)
+    ]
+    if whole == [slice(0, grid.nodes)]:
+        return left
+    for joint in near_ends:
+        together[joint.group, joint.kept] = True
+    lone = np.flatnonzero(~together.all(axis=1))
+    for number in range(MOST_ROUNDS):
+        before, others = smoothed.levels[..., grid.cut], WithoutOthers(grid, smoothed.levels, grid.cut)
+        smooth_alone(grid, lone, others.alone(lone), grid.at_nodes(grid.seen_counts), smoothed, together=together)
+        if number == 0:
+            for joint in near_ends:
+                smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
+        moved = np.where(together[:, grid.cut], 0.0, np.abs(smoothed.levels[..., grid.cut] - before))
+        if np.all(LEFT_OF_MOVED * moved.max(axis=2, initial=0.0) <= grid.tolerance * size):
+            break
+    return max(left, more)
+
+
+def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float]:
+    """Return the orders of (order,) amplitudes that leak into one another inside the record, and what leaks beside."""
+    gain, least = Bandwidth.smoother_gain, 1 / grid.samples
+    received = closeness.received(gain, size, least=least)
     groups = coupled(received, size, grid.tolerance)
-    for group in groups:
-        smooth_jointly(grid, Joint.throughout(grid, group), grid.at_nodes(grid.moments[:, :, group]), smoothed)
-    return None if groups and groups[0].size == size.size else Coupling(grid, closeness, groups, received, size)
+    starts = np.arange(0, grid.nodes, max(grid.reach(MEMORIES), grid.nodes // MOST_PARTS))
+    stops = np.append(starts[1:], grid.nodes)
+    linked = np.zeros((len(groups), starts.size), dtype=np.bool_)
+    for part, nodes in enumerate(map(slice, starts.tolist(), stops.tolist()) if groups else ()):
+        here = leaks(closeness.within(grid.samples_of(nodes)).received(gain, size, least=least), size)
+        linked[:, part] = [np.any(here[np.ix_(group, group)] > grid.tolerance) for group in groups]
+    joints = []
+    for group, parts in zip(groups, linked, strict=True):
+        for first, last in np.flatnonzero(np.diff(parts, prepend=False, append=False)).reshape(-1, 2).tolist():
+            kept = slice(int(starts[first]), int(stops[last - 1]))
+            joints.append(Joint(group, kept, grid.around(kept, MEMORIES)))
+    return joints, left_over(received, size, groups)
 
 
-class Coupling:
-    """Groups of orders that leak into one another, in the whole record and near its ends and gaps.
+def _near_ends(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float]:
+    """Return the same near ends, gaps and jumps of the speed."""
 
-    Attributes
-    ----------
-    left : largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
-    """
+    def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
+        weight = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
+        folded = np.minimum(distance, 0.5 / grid.length)
+        return np.maximum(bandwidth.smoother_gain(distance), weight * np.abs(bandwidth.filter_gain(folded)))
 
-    def __init__(self, grid: Grid, closeness: Closeness, groups: list[Indices], received: Floats, size: Floats) -> None:
-        self.grid, self.groups, self.size = grid, groups, size
-
-        def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
-            weight = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
-            folded = np.minimum(distance, 0.5 / grid.length)
-            return np.maximum(bandwidth.smoother_gain(distance), weight * np.abs(bandwidth.filter_gain(folded)))
-
-        gain = _at_least(grid, near_ends)
-        parts = leaks(closeness.received(gain, size), size)
-        worst = float(parts[np.isfinite(parts)].max()) / grid.tolerance
-        self.cut = (grid.shares < 1 - grid.tolerance) | grid.jumps
-        fading = log(max(worst, 1.0))
-        margin = grid.reach(max(MARGIN, fading - 1))
-        grouped = np.isin(np.arange(size.size), np.concatenate([[], *groups]))
-        self.lone = np.flatnonzero(~grouped)
-        self.together = np.repeat(grouped[:, None], grid.nodes, axis=1)  # where orders are smoothed with others
-        self.local: list[Joint] = []
-        self.left = left_over(received, size, groups)
-        for kept, nodes in _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, fading), margin=margin):
-            nearby = closeness.within(slice(kept.start * grid.length, min(kept.stop * grid.length, grid.samples)))
-            here = nearby.received(gain, size)
-            close = _split(nearby, coupled(here, size, grid.tolerance))
-            self.left = max(self.left, left_over(here, size, close))
-            for group in close:
-                self.together[group, kept] = True
-                self.local.append(Joint(group, kept, nodes))
-
-    def subtract(self, smoothed: Smoothed, *, everywhere: bool = False) -> None:
-        """Subtract the others under incomplete weights, or all, and smooth again, until lone orders converge."""
-        grid, nodes = self.grid, np.full_like(self.cut, everywhere) | self.cut
-        for number in range(MOST_ROUNDS):
-            before, others = smoothed.levels[..., nodes], WithoutOthers(grid, smoothed.levels, nodes)
-            if self.lone.size:
-                data, gram = others.alone(self.lone), grid.at_nodes(grid.seen_counts)
-                smooth_alone(grid, self.lone, data, gram, smoothed, together=self.together)
-            if everywhere:
-                for group in self.groups:
-                    smooth_jointly(grid, Joint.throughout(grid, group), others.together(group), smoothed)
-            if number <= everywhere:
-                for joint in self.local:
-                    smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
-            moved = np.where(self.together[:, nodes], 0.0, np.abs(smoothed.levels[..., nodes] - before))
-            left = LEFT_OF_MOVED * moved.max(axis=2, initial=0.0)
-            if number >= everywhere and np.all(left <= grid.tolerance * self.size):
-                break
+    joints, left = list[Joint](), 0.0
+    for kept in _disturbed_runs(grid):
+        nearby = closeness.within(grid.samples_of(kept))
+        here = nearby.received(near_ends, size, least=1 / grid.samples)
+        close = _split(nearby, coupled(here, size, grid.tolerance))
+        left = max(left, left_over(here, size, close))
+        joints += [Joint(group, kept, grid.around(kept, MEMORIES)) for group in close]
+    return joints, left
 
 
 class WithoutOthers:
@@ -288,16 +277,6 @@ class WithoutOthers:
         return waves if self._nodes.all() else waves * self._grid.taper(self._nodes, samples)
 
 
-def _at_least(grid: Grid, gain: Gain) -> Gain:
-    """Return a gain whose bandwidth is at least the resolution of the record, one over its length."""
-
-    def widened(bandwidth: Bandwidth, distance: Floats) -> Floats:
-        width = min(max(bandwidth.width, 1.0 / grid.samples), 1.0)
-        return gain(Bandwidth(width=width, poles=bandwidth.poles), distance)
-
-    return widened
-
-
 def _split(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
     """Return groups of orders that leak into one another, large ones divided by frequency."""
     groups = []
@@ -308,23 +287,11 @@ def _split(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
     return groups
 
 
-def _disturbed_runs(grid: Grid, *, memories: float, margin: int) -> list[tuple[slice, slice]]:
-    """Ranges of nodes where ends of the record, missing samples or jumps of a speed have an effect, and wider ones.
+def _disturbed_runs(grid: Grid) -> list[slice]:
+    """Return ranges of nodes some time constants about ends, gaps and jumps of a speed, joined where near."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415 - slow to import
 
-    Their effect falls by a factor e in a time constant; it counts for so many of them. A margin counts in nodes.
-    """
-    missing = grid.length * (1 - grid.shares)
-    missing[0] = missing[grid.samples // grid.length :] = grid.length
-    missing[grid.jumps] = grid.length
-    reach = grid.reach(memories)
-    before = np.concatenate([[0.0], np.cumsum(missing)])
-    place = np.arange(grid.nodes)
-    near = before[np.minimum(place + reach + 1, grid.nodes)] - before[np.maximum(place - reach, 0)]
-    edges = np.diff(near > grid.tolerance * reach * grid.length, prepend=False, append=False)
-    runs: list[slice] = []
-    for start, stop in np.flatnonzero(edges).reshape(-1, 2).tolist():
-        if runs and start - runs[-1].stop <= 2 * reach:
-            runs[-1] = slice(runs[-1].start, stop)
-        else:
-            runs.append(slice(start, stop))
-    return [(run, slice(max(run.start - margin, 0), min(run.stop + margin, grid.nodes))) for run in runs]
+    reach = grid.reach(MEMORIES)
+    near = minimum_filter1d(maximum_filter1d(grid.cut, 4 * reach + 1), 2 * reach + 1)
+    edges = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2)
+    return [slice(start, stop) for start, stop in edges.tolist()]

@@ -24,7 +24,7 @@ from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
 SEGMENT, _SWEEP = 16.0, 1.0
 _SIGNAL = 0.25  # largest density of walking amplitudes over that of the noise
 _SHORTEST = 64  # samples of a segment
-_OVERLAPPING, _MOST_SEGMENTS = 4, 64  # segments, fewer of which overlap by half, and the most, evenly spread
+_OVERLAPPING, _MOST_SEGMENTS = 4, 32  # segments, fewer of which overlap by half, and the most, evenly spread
 _LOBE = 4  # bins, half of the main lobe of the window
 _NEAR, _FAR, _SEARCHED = 12, 36, 64  # bins near an order on either side of it, those farther away, and all
 _INTERVALS = 8  # of the record, in which densities are found where each has so many bins, else one

@@ -97,16 +97,18 @@ class Closeness:
             distance[k, :k] = distance[:k, k] = distances(self.frequency[k], self.frequency[:k]).min(axis=1)
         return distance
 
-    def received(self, gain: Gain, amplitude: Floats) -> Floats:
+    def received(self, gain: Gain, amplitude: Floats, *, least: float = 0.0) -> Floats:
         """Return (order, order) leakage: the amplitude of another order, or of its own image, in an order's estimate.
 
-        From the (order,) amplitudes, and the gain of the estimator of a bandwidth at distances in cycles per sample.
+        From the (order,) amplitudes, and the gain of the estimator of a bandwidth, of at least `least`, at distances in
+        cycles per sample.
         """
         received = np.empty((len(self.frequency), len(self.frequency)))
         widths, group = np.unique(self.bandwidth.max(axis=1), return_inverse=True)
         for number, width in enumerate(widths.tolist()):
             rows = np.flatnonzero(group.ravel() == number)
-            received[rows] = gain(Bandwidth(width=width, poles=self.model.poles), np.minimum(self.nearest[rows], 0.5))
+            band = Bandwidth(width=min(max(width, least), 1.0), poles=self.model.poles)
+            received[rows] = gain(band, np.minimum(self.nearest[rows], 0.5))
         received *= amplitude
         mean = np.flatnonzero(self.model.orders == 0)
         received[mean, mean] = 0.0
