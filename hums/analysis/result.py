@@ -38,7 +38,7 @@ GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeBand:
-    """Demodulated band in Hz; where it was chosen from the record, with the reason and the doubts about it."""
+    """Demodulated band in Hz; if it was chosen from the record, with the reason and the doubts about it."""
 
     low_hz: float
     high_hz: float
@@ -57,7 +57,7 @@ class SensorCondition:
     """Condition of a sensor: status "ok", "suspect" or "faulty", and a sentence for each reason.
 
     ``missing`` is the fraction of samples without signal; ``not_judged`` lists the checks for which the record is too
-    short or too slowly sampled.
+    short or its sampling rate too low.
     """
 
     name: str
@@ -91,7 +91,7 @@ class IndicatorValue:
 
 @dataclass(frozen=True, kw_only=True)
 class Unmeasured:
-    """A part of the drawing of which no line was measured, and what would have let it be judged."""
+    """A component without a measured line, and what a verdict on it requires."""
 
     component: str
     kind: str
@@ -101,7 +101,7 @@ class Unmeasured:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelPictures:
-    """Datasets of one channel, by the name of their group; one that cannot be made is left out."""
+    """Datasets of one channel by the name of their group, without those that cannot be computed."""
 
     channel: str
     datasets: Mapping[str, xr.Dataset]
@@ -149,7 +149,7 @@ def save_analysis(analysis: Analysis, path: str | Path, *, force: bool = False) 
 
 @checked
 def open_analysis(path: str | Path) -> Analysis:
-    """Return the analysis in a file that `save_analysis` wrote; arrays are read when first used.
+    """Open an analysis written by `save_analysis`; arrays are read on access.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def open_analysis(path: str | Path) -> Analysis:
 
 
 def confidence_words(confidence: float) -> str:
-    """Return a confidence to three decimals, as a bound where it would round to one, which would state certainty."""
+    """Return a confidence to three decimals, as a bound if it would round to 1.000, which would state certainty."""
     text = f"{confidence:.3f}"
     return "> 0.999" if text == "1.000" else text
 
@@ -243,7 +243,7 @@ def root_attributes(
 
 
 def tree_of(groups: Mapping[str, xr.Dataset]) -> Analysis:
-    """Return the tree of groups by path, each below its parent, an empty group where there is none.
+    """Return the tree of groups by path, each below its parent, with empty groups for missing parents.
 
     As `xarray.DataTree.from_dict`, which copies every group once more: a tenth of the analysis of a short record.
     """
@@ -284,7 +284,7 @@ def spectrum_dataset(
 ) -> xr.Dataset:
     """Return the spectra of all channels (name, units, spectrum) on a common order axis, with their line table.
 
-    `bands` holds the demodulated band of each channel where the spectra are those of envelopes.
+    `bands` holds the demodulated band of each channel if the spectra are those of envelopes.
     """
     columns = _line_columns(lines)
     if not spectra:
@@ -344,7 +344,7 @@ def _line_columns(lines: Sequence[AssessedLine]) -> dict[str, Any]:
 def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
     """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field.
 
-    Numbers and strings stand as they are, tuples as JSON; `rows_of` reads them back.
+    Numbers and strings are stored as they are, tuples as JSON; `rows_of` reads them back.
     """
     if not rows:
         return _no_rows(kind, dim).copy()
@@ -388,7 +388,7 @@ SUMMARY_SCHEMA = "hums-summary/2"
 
 @checked
 def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
-    """Return the expected lines of one spectrum as measured, one row per line and channel.
+    """Return the measured values of the expected lines of one spectrum, one row per line and channel.
 
     Parameters
     ----------
@@ -523,7 +523,7 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
 
 @checked
 def verdict_table(analysis: Analysis) -> "pd.DataFrame":
-    """Return the verdict on every kind of defect of every part, the findings first.
+    """Return the verdict on every kind of defect of every component, findings first.
 
     Parameters
     ----------
@@ -534,9 +534,9 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         The columns of `findings_table`; verdict is also ``"not judged"``, with the reason in evidence, or ``"nothing
-        found"`` where a defect would have shown. Every bearing, gear and shaft of the drawing that can fail has a row
-        for each of its kinds of damage; least_change says what would turn the verdict. `hums.derive_verdicts` makes the
-        rows again from the analysis.
+        found"`` if a defect would have been detected. Every bearing, gear and shaft of the drawing that can fail has a
+        row for each of its kinds of damage; least_change states the smallest change that would alter the verdict.
+        `hums.derive_verdicts` recomputes the rows from the analysis.
 
     Examples
     --------
@@ -562,7 +562,7 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
 
 @checked
 def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
-    """Return the lines of the order spectra that nothing in the drawing explains, the largest of each channel first.
+    """Return the lines of the order spectra that no component of the drawing explains, by channel, largest first.
 
     Parameters
     ----------
@@ -573,8 +573,8 @@ def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         channel; order in cycles per revolution of the reference and frequency_hz at the mean speed; amplitude (peak) in
-        units; ratio to the median of the background; spacing, the order of which it and others are multiples, NaN
-        where it stands alone; might_be, what the family might be.
+        units; ratio to the median of the background; spacing, the order of which this and other lines are multiples,
+        NaN for a single line; might_be, the possible source of the family.
 
     Examples
     --------
@@ -609,7 +609,7 @@ def indicator_table(analysis: Analysis) -> "pd.DataFrame":
     pandas.DataFrame
         channel, component, kind (of component) and indicator; value in unit; noise_limit, which noise alone seldom
         exceeds, NaN where unknown; takes, the signal the indicator is computed from; source, the publication;
-        withheld, the reason where the value is NaN.
+        withheld, the reason if the value is NaN.
 
     Examples
     --------
@@ -640,7 +640,7 @@ def health_table(analysis: Analysis) -> "pd.DataFrame":
     pandas.DataFrame
         name; sensor, ``"vibration"`` or ``"tachometer"``; status, ``"ok"``, ``"suspect"`` or ``"faulty"``; reasons for
         a status other than ``"ok"``; missing, the fraction of samples without signal; not_judged, the checks for which
-        the record is too short or too slowly sampled.
+        the record is too short or its sampling rate too low.
 
     Examples
     --------
@@ -730,7 +730,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
 
 
 def _speed_facts(motion: xr.Dataset) -> dict[str, Any]:
-    """Return the speed of the reference as plain types; None where the record does not say, as an average in angle."""
+    """Return the speed of the reference as plain types; None if the record states none, as an average in angle."""
     speed, attrs = motion["speed_hz"], motion.attrs
     known = speed.size > 0
     return {

@@ -1,8 +1,8 @@
-"""Lines of an order spectrum that nothing in the drawing explains, and what they might be.
+"""Lines of an order spectrum that no component of the drawing explains, and their possible sources.
 
-A peak is explained by a multiple of a shaft order, by a harmonic of a mesh or a sideband of one spaced by any shaft, by
-a multiple of the mains, or as the flank of a larger line. The others are listed with the spacing that they share: a
-family of multiples of one order belongs to the bearing with that defect order, or else to another machine or a part
+A peak is explained if it is a multiple of a shaft order, a mesh harmonic or its sideband at the spacing of any shaft, a
+multiple of the mains frequency, or the flank of a larger line. The others are listed with their common spacing: a
+family of multiples of one order belongs to the bearing with that defect order, or else to another machine or a component
 missing from the drawing. If such lines exceed the meshes of the drawing, the record does not look like its gearbox.
 """
 
@@ -43,7 +43,7 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Orders that the drawing explains: of shafts, meshes, the bearings' defects with their slip, meshes of planets.
+    """Orders that the drawing explains: shafts, meshes, bearing defects with their slip, and meshes of planets.
 
     `planets` has the order of each mesh of several planets, that of their carrier, and their number.
     """
@@ -58,10 +58,10 @@ class Drawn:
 
 @dataclass(frozen=True, kw_only=True)
 class UnexplainedLine:
-    """A line that nothing in the drawing explains.
+    """A line that no component of the drawing explains.
 
-    `frequency_hz` is its order times the mean speed; `spacing` the order of which it and others are multiples, NaN
-    where it stands alone; `ratio` its amplitude over the median of its background.
+    `frequency_hz` is its order times the mean speed; `spacing` the order of which this and other lines are multiples,
+    NaN for a single line; `ratio` its amplitude over the median of its background.
     """
 
     channel: str
@@ -76,11 +76,11 @@ class UnexplainedLine:
 
 @dataclass(frozen=True, kw_only=True)
 class PulseVariation:
-    """Amplitudes in turns by which pulse times vary about even motion, at orders 0 to `last` of so many turns.
+    """Amplitudes in revolutions of the variation of pulse times about uniform rotation, at orders 0 to `last`.
 
-    A clock that samples the pulses coarsely makes them periodic where the speed is steady. A line at order c of
-    amplitude A then has sidebands of ``pi c A a`` at the distance of an order where they vary by a; none come from a
-    variation of the speed, which the pulses follow.
+    Coarse sampling of the pulses makes their errors periodic at a steady speed. A line of amplitude A at order c then
+    has sidebands of amplitude ``pi c A a`` at the spacing of an order at which the pulse times vary by a. Variations of
+    the speed, which the pulses follow, cause none.
     """
 
     amplitudes: Numbers
@@ -88,7 +88,7 @@ class PulseVariation:
 
     @classmethod
     def of(cls, times_s: Numbers, turns: Numbers, jitter_s: float) -> "PulseVariation | None":
-        """Return the variation by second differences, within what pulses of such a jitter have; None of few pulses."""
+        """Return the variation by second differences, at most that of pulses with this jitter; None for too few pulses."""
         if turns.size < _FEWEST_PULSES or not (np.diff(turns) > 0).all():
             return None
         even = np.linspace(turns[0], turns[-1], turns.size)
@@ -101,7 +101,7 @@ class PulseVariation:
         return cls(amplitudes=largest * turned / float(times_s[-1] - times_s[0]), last=(turns.size - 1) / turned / 2)
 
     def makes(self, orders: Numbers, amplitudes: Numbers) -> NDArray[np.bool_]:
-        """Return which lines are sidebands of larger ones."""
+        """Return which lines are sidebands of larger ones due to this variation."""
         distance = np.abs(orders[:, None] - orders)
         folded = np.abs(distance - 2 * self.last * np.round(distance / (2 * self.last)))
         at = np.rint(folded / self.last * (self.amplitudes.size - 1)).astype(np.int64)
@@ -119,7 +119,7 @@ def unexplained_lines(
     units: str,
     pulses: PulseVariation | None = None,
 ) -> tuple[list[UnexplainedLine], int]:
-    """Return the lines that the drawing does not explain, the largest first, and how many more the tachometer makes."""
+    """Return the lines that the drawing does not explain, largest first, and the number caused by the tachometer."""
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     width = MATCH_BINS * spectrum.bin_width
     selected = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
@@ -157,7 +157,7 @@ def not_named(lines: Sequence[UnexplainedLine], found: Sequence[float], *, bin_w
     found : sequence of float
         Orders at which the named bearings were found, each to a fifth of a bin, as far as a peak is interpolated.
     bin_width : float
-        Of the spectrum, in orders.
+        Bin width of the spectrum in orders.
     """
 
     def is_harmonic(order: float, of: float) -> bool:
@@ -171,7 +171,7 @@ def not_named(lines: Sequence[UnexplainedLine], found: Sequence[float], *, bin_w
 
 
 def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
-    """Return in words what a family's line might be; empty for a line that stands alone."""
+    """Return the possible source of a family of lines in words; empty for a single line."""
     if not np.isfinite(spacing):
         return ""
     family = f"{order / spacing:.0f} times {spacing:.4g} orders ({spacing * setting.speed_hz:.4g} Hz)"
@@ -191,7 +191,7 @@ def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
 
 
 def flanks(orders: Numbers, amplitudes: Numbers, bin_width: float) -> NDArray[np.bool_]:
-    """Return which peaks stand within the reach of a larger one's window."""
+    """Return which peaks lie within the window skirt of a larger one."""
     reach = _LOBE_BINS * bin_width
     first, last = np.searchsorted(orders, orders - reach), np.searchsorted(orders, orders + reach)
     return np.array(
@@ -200,7 +200,7 @@ def flanks(orders: Numbers, amplitudes: Numbers, bin_width: float) -> NDArray[np
 
 
 def _near(orders: Numbers, places: Numbers, width: float, tolerance: float) -> NDArray[np.bool_]:
-    """Return which orders stand within a width, or a relative tolerance, of any of some sorted places."""
+    """Return which orders lie within a width, or a relative tolerance, of any of some sorted orders."""
     if not places.size or not orders.size:
         return np.zeros(orders.size, dtype=bool)
     at = np.searchsorted(places, orders)
@@ -221,17 +221,17 @@ def _explained(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]
 
 
 def on_mains(orders: Numbers, setting: Setting, width: float) -> NDArray[np.bool_]:
-    """Return which orders are harmonics of the mains, where the speed is steady."""
+    """Return which orders are harmonics of the mains frequency, at a steady speed."""
     families = mains_multiples(orders, setting, width * setting.speed_hz)
     return np.asarray(np.any([multiple > 0 for _, multiple in families], axis=0))
 
 
 def _families(orders: Numbers, bin_width: float) -> Numbers:
-    """Return of each order the spacing of the family of multiples that it belongs to, NaN where there is none.
+    """Return, for each order, the spacing of the family of multiples to which it belongs; NaN if there is none.
 
-    Each of the largest lines over each whole number is tried as a spacing: the larger the number, the better it is
-    known. Members are more than chance makes: the probability that as many of the lines, at random orders, lie within
-    half a bin of its multiples, times the number of spacings tried, is below `_CHANCE`.
+    Each of the largest lines over each whole number is tried as a spacing: the larger the number, the more accurate the
+    spacing. A family has more members than expected by chance: the probability that as many lines at random orders lie
+    within half a bin of its multiples, times the number of spacings tried, is below `_CHANCE`.
     """
     spacings = np.full(orders.size, np.nan)
     tried = np.unique(np.outer(orders[:_LARGE], 1 / np.arange(1, _MULTIPLES + 1)))
@@ -255,7 +255,7 @@ _LOCKED = {"shaft", "planet_pass", "tooth", "planet_tooth"}
 
 
 def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], tolerance: float, slip: float) -> Drawn:
-    """Return what the drawing explains from its defect orders."""
+    """Return the orders that the drawing explains, from its defect orders."""
     kinds = set(bearing_kinds)
     turning = {row.component: row.order for row in rows if row.kind == "shaft" and row.order > 0}
     planets = {
@@ -298,7 +298,7 @@ def unlike_drawing(spectra: Sequence[AmplitudeSpectrum], drawn: Drawn, setting: 
     Parameters
     ----------
     spectra : sequence of AmplitudeSpectrum
-        Order spectra of all channels; one that looks like the drawing is enough.
+        Order spectra of all channels; one that agrees with the drawing suffices.
     drawn : Drawn
     setting : Setting
     """
@@ -347,9 +347,9 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
 
 
 def _high_harmonics(drawn: Drawn, last: float) -> Numbers:
-    """Return the higher harmonics of meshes, of which a resonance may carry any one.
+    """Return the higher mesh harmonics, any of which a resonance may amplify.
 
-    None of a mesh so slow that they lie as densely as lines of shafts, or where the speed is only nominal.
+    Those of a mesh so slow that they are as dense as shaft lines are left out, and all if the speed is only nominal.
     """
     if drawn.tolerance:
         return np.zeros(0)
@@ -359,11 +359,11 @@ def _high_harmonics(drawn: Drawn, last: float) -> Numbers:
 
 
 def _shifted_meshes(drawn: Drawn) -> Numbers:
-    """Return where meshes stand whose planets pass out of phase.
+    """Return the orders at which meshes with planets out of phase appear.
 
     Harmonic n of a mesh of Z teeth reaches the sensor from K equal planets with phases 2 pi n Z i / K. As they pass,
-    only the sidebands of order k are left for which n Z + k is a multiple of K, one of any K next to one another
-    (McFadden and Smith 1985): the mesh itself vanishes where n Z is none.
+    only the sidebands of order k remain for which n Z + k is a multiple of K, one of any K adjacent ones (McFadden and
+    Smith 1985): the mesh line itself vanishes unless n Z is such a multiple.
     """
     shifted = [
         harmonic * mesh + k * carrier
@@ -375,7 +375,7 @@ def _shifted_meshes(drawn: Drawn) -> Numbers:
 
 
 def _passes(drawn: Drawn) -> Numbers:
-    """Return the sidebands that planets make as they pass, which stand above their own mesh line."""
+    """Return the planet-pass sidebands, which may exceed their own mesh line."""
     sides = np.arange(-_PASSES, _PASSES + 1)
     meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
     carriers = sorted({carrier for _, carrier, _ in drawn.planets})
@@ -383,7 +383,7 @@ def _passes(drawn: Drawn) -> Numbers:
 
 
 def _of_a_mesh(orders: Numbers, sizes: Numbers, place: int, width: float) -> bool:
-    """Return whether a line has harmonics, or is one, where lines at random would seldom stand."""
+    """Return whether a line has harmonics, or is one, at orders where random lines would seldom lie."""
     order = orders[place]
     others = orders[sizes > sizes[place] / _SIMILAR**2]
     density = max(1, others.size - 1) / float(orders[-1])

@@ -114,7 +114,7 @@ def evidence_groups(
 
 @checked
 def derive_verdicts(analysis: Analysis) -> list[Finding]:
-    """Return the verdict on every part again, from what an analysis holds.
+    """Derive the verdicts anew from the evidence stored in an analysis.
 
     Parameters
     ----------
@@ -124,13 +124,13 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     Returns
     -------
     list of Finding
-        Bearings, gears, shafts, and the parts that could not be measured. They equal the rows of `hums.verdict_table`
-        but for their order; change a number of a group to see what it does to its verdict.
+        Bearings, gears, shafts, and the components that could not be measured: the rows of `hums.verdict_table`, in a
+        different order. Change a value in one of the groups to see its effect on the verdict.
 
     Raises
     ------
     AnalysisError
-        If the analysis is of a version that did not keep its evidence.
+        If the analysis was written by a version that did not store the evidence.
 
     Examples
     --------

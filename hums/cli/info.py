@@ -17,7 +17,7 @@ def info(
         Path | None,
         typer.Option(
             metavar="TOML",
-            help="Draft an import description of the file: what it states, and blanks for what it does not.",
+            help="Draft an import description: what the file states, and blanks for what it does not.",
         ),
     ] = None,
     force: Force = False,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hums.jobs import Workers
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.")]
-SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Unit of speed that is stated first.")]
+SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Unit in which speeds are stated first.")]
 WorkerCount = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Number of worker processes. Default: one per CPU core.")
 ]
@@ -115,7 +115,7 @@ SHARED_SETTINGS: dict[str, tuple[Any, Any]] = {
     ),
     "false_alarm_probability": (
         float | None,
-        typer.Option(help="Probability of a false alarm for each record as a whole. Default: 0.01."),
+        typer.Option(help="False-alarm probability of a whole record. Default: 0.01."),
     ),
 }
 SETTINGS = SHARED_SETTINGS | {

@@ -17,9 +17,9 @@ def report(
     baseline: Annotated[Path | None, typer.Option(help="analysis.h5 of an earlier record to compare with.")] = None,
     units: SpeedUnits = "rpm",
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Also print report.pdf, a summary to forward, with Chromium.")
+        bool, typer.Option("--pdf", help="Also print report.pdf, a summary of about four pages, with Chromium.")
     ] = False,
-    full: Annotated[bool, typer.Option("--full", help="Print the whole page to report.pdf.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print the whole report to report.pdf instead.")] = False,
     force: Force = False,
 ) -> None:
     """Regenerate the report from a saved analysis."""

@@ -40,7 +40,7 @@ def is_dataset(folder: str | Path) -> bool:
 
 @checked
 def open_dataset(folder: str | Path) -> xr.Dataset:
-    r"""Open a dataset that ``hums dataset`` or ``hums convert`` made.
+    r"""Open a dataset written by ``hums dataset`` or ``hums convert``.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ def write_report(
         Analysis of an earlier record of the machine: verdicts state what has changed since, and its spectra are drawn
         behind those of this record.
     units : {"rpm", "Hz"}
-        Unit of speed that is stated first.
+        Unit in which speeds are stated first.
     force : bool
         Whether to overwrite files of the same names that other programs wrote.
 
