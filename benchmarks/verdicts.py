@@ -380,7 +380,7 @@ def drawing_rows(records: int) -> list[dict[str, Any]]:
                 continue  # more degrees of freedom than one speed settles
             row = rows["its own" if box is own else "another machine's"]
             row["n"] += 1
-            row["doubted"] += "does not look like that gearbox" in analysis.attrs["notes_json"]
+            row["doubted"] += "does not look like this gearbox" in analysis.attrs["notes_json"]
             row["diagnosed"] += bool((findings_table(analysis)["verdict"] == "diagnosed").any())
     return list(rows.values())
 

@@ -19,7 +19,7 @@ from data_synth import Scene, simulate
 from hums import Gearbox, NominalSpeed, analyze, findings_table, load_gearbox, make_record
 
 # notes that doubt what was declared
-DOUBTED = re.compile("does not look like that gearbox|contradict|spread over|do not confirm|rather those of")
+DOUBTED = re.compile("does not look like this gearbox|contradict|spread over|do not confirm|of the record indicate")
 SETS = {
     "CWRU": "CWRU, one race",
     "HIT": "HIT, one race",

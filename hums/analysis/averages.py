@@ -44,8 +44,8 @@ from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 
 _RAW = ("rms", "peak", "crest_factor", "kurtosis")
 _STANDARDISED = 1e-2  # largest difference from one of the standard deviation of a normalised signal
-_NO_TIME = "an average in angle has no time, and its speed is not known"
-_NOT_SYNCHRONOUS = "a bearing's lines are no multiples of a revolution, so that averaging removed them"
+_NO_TIME = "a synchronous average has no time axis, and its speed is unknown"
+_NOT_SYNCHRONOUS = "bearing lines are not whole orders, so that averaging removed them"
 
 
 def average_channel(channel: ChannelSegments, settings: AnalysisSettings, baseline: Baseline) -> AnalysedChannel:
@@ -297,8 +297,8 @@ def _note(record: xr.Dataset) -> str:
     attrs = record.attrs
     over = f"over {attrs['averaged_over']} revolutions" if "averaged_over" in attrs else "over an unknown number"
     return (
-        f"The record is an average in angle of {attrs['average_of']}, {over}: what does not repeat with it is gone, "
-        "and nothing is judged. Its indicators are to be followed from record to record (hums fleet)."
+        f"The record is an average in angle of {attrs['average_of']}, {over}: what does not repeat with it has been "
+        "averaged out, and nothing is judged. Follow its indicators from record to record (hums fleet)."
     )
 
 
@@ -323,7 +323,7 @@ def parts_of_average(machine: Machine, component: str) -> list[Unmeasured]:
             continue
         why = _NOT_SYNCHRONOUS
         if row.kind == "tooth":
-            why = "one average has no spread from revolution to revolution by which teeth could be judged"
+            why = "teeth are judged by the scatter between revolutions, which a single average lacks"
             if row.component.rpartition("/")[2] not in own:
                 why = f"the record is an average over {component}, in which this gear does not repeat"
         change = "judged in the record from which the average was made"

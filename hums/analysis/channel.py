@@ -656,7 +656,7 @@ def _unresolved(
             other, order = near[0], orders[near[0].component, near[0].kind]
             why = (
                 f"segments this short resolve {resolution:.2g} orders, and {other.kind.replace('_', ' ')} of "
-                f"{other.component}, at {order:.3f}, is nearer than that to {orders[own]:.3f}"
+                f"{other.component}, at {order:.3f}, is closer than that to {orders[own]:.3f}"
             )
             found.append(replace(part, hidden_by=why, strength=strength))
         else:
@@ -688,8 +688,8 @@ def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
     if not (of.in_time > IN_TIME * of.in_angle and of.left_in_angle > _OF_THE_LINE * of.in_angle):
         return part
     why = (
-        f"it follows the clock: at {of.frequency_hz:.2f} Hz it has {of.in_time / of.in_angle:.1f} times the power that "
-        "it has over the shaft's angle, as the line of another machine does"
+        f"its frequency is constant: at {of.frequency_hz:.2f} Hz it has {of.in_time / of.in_angle:.1f} times its power "
+        "over the shaft angle, like a line of another machine"
     )
     return replace(part, hidden_by=why)
 
@@ -751,7 +751,7 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
     why = f"{band.low_hz:.6g}-{band.high_hz:.6g} Hz, of {count} bands from halves to sixteenths of the range"
     doubts: tuple[str, ...] = ()
     if strongest is None or strongest.strength == 0:
-        doubts = ("In no band does a bearing line stand out.",)
+        doubts = ("No bearing line stands out in any band.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
         why += f": the line of {part} modulates it by {strongest.depth:.1%}, more than any other part"

@@ -166,7 +166,7 @@ def judged_declaration(
     if source.declared is not None and ratio is not None:
         shown, rpm = ratio * source.declared.speed_hz / source.declared.declared_hz, 60 * source.declared.declared_hz
         note = (
-            f"The speed of {source.shaft} is declared as {rpm:.5g} rpm, and lines of shafts, meshes and bearings show "
+            f"The speed of {source.shaft} is declared as {rpm:.5g} rpm, but lines of shafts, meshes and bearings show "
             f"{shown * rpm:.5g} rpm: the record is analysed at that speed."
         )
         return Declaration(speed_ratio=shown, note=note)
@@ -176,9 +176,9 @@ def judged_declaration(
         doubt = _late_words(machine, ratio)
     elif spreading:
         cause = "a tachometer whose delay or clock is wrong" if source.tachometer else "a speed that wanders"
-        doubt = f"the lines of shafts and meshes spread over {spread:.2%} of their order, as of {cause}"
+        doubt = f"the lines of shafts and meshes spread over {spread:.2%} of their order, as with {cause}"
     elif rival >= CONFIRMED:
-        doubt = f"the lines of the record are rather those of {words}"
+        doubt = f"the lines of the record indicate {words} instead"
     elif declared < (0.0 if source.tachometer else CONFIRMED):  # a tachometer has prior odds of as much
         doubt = (
             f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
@@ -218,14 +218,14 @@ def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
 
 def _late_words(machine: Machine, ratio: float) -> str:
     """Return the cause of lines at a ratio of their order: ``delay * (change of speed) / turns``."""
-    speeds, words = machine.speeds_hz, f"the lines of shafts and meshes stand at {ratio:.6g} times their order, as of "
+    speeds, words = machine.speeds_hz, f"the lines of shafts and meshes lie at {ratio:.6g} times their order, as with "
     clock = f"a clock that is {1e6 * abs(ratio - 1):.0f} ppm off"
     change = float(speeds[-1] - speeds[0])
     late_s = (ratio - 1) * speeds.size / change if change else math.inf
     if not machine.source.tachometer or abs(late_s) > speeds.size / machine.mean_speed_hz:
         return words + clock
     which = "late" if late_s > 0 else "early"
-    return f"{words}a tachometer that is {1000 * abs(late_s):.2g} ms {which} against the channel, or {clock}"
+    return f"{words}a tachometer that is {1000 * abs(late_s):.2g} ms {which} relative to the channel, or {clock}"
 
 
 class _Comb:

@@ -99,15 +99,15 @@ class LineAssessor:
     def _healthy_cause(self, line: MeasuredLine) -> str:
         """Return the cause that produces this line without any defect, or an empty string."""
         if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
-            return "the flank of a stronger line beside it, or of the mains that the speed passes"
+            return "the flank of a stronger adjacent line, or of a mains line that the speed crosses"
         if line.expected.kind in BEARING_KINDS and line.line.at_edge:
-            return "the flank of what stands outside of the searched range"
+            return "the flank of a peak outside the searched range"
         if line.expected.kind == "tooth":
             centre = line.expected.order - line.expected.sideband * line.expected.spacing
             for spacing in self.healthy_spacings.get(line.expected.component, ()):
                 side = round((line.line.found - centre) / spacing)
                 if side and _near(line, centre + side * spacing):
-                    return f"sideband {side:+d} x {spacing:.4g} of the mesh, which the planets' passing makes in health"
+                    return f"sideband {side:+d} x {spacing:.4g} of the mesh, which planets cause in a healthy stage"
         return ""
 
     def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, least: float | None) -> str:
@@ -128,7 +128,7 @@ class LineAssessor:
             if not _near(weaker, place):
                 return f"off the sidebands of {name}, the nearest of which is at {place:.4g}"
         if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
-            return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
+            return f"indistinguishable from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.expected.kind == "shaft" or _is_comb(stronger):
             # where the speed was measured, the shaft's order is exact, and that of its line is not
             base = (base if stronger.expected.tolerance else stronger.expected.order) / stronger.expected.harmonic
@@ -161,7 +161,7 @@ class LineAssessor:
         # bearings of the same orders make the same lines: what one of them explains, it explains of all
         same = replace(bearing, name="") == replace(self.bearings.get(weaker.expected.component, bearing), name="")
         if same and weaker.expected.kind == "cage":
-            why = "it takes" if element else "elements that are not alike modulate"
+            why = "it carries" if element else "unequal elements modulate"
             return f"the cage's rate, at which {why} {name}" + (" through the load zone" if element else "")
         spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if element else cage} - {0.0}
         for harmonic in range(1, _EXPLAINED_HARMONICS + 1):

@@ -257,7 +257,7 @@ def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartE
     """Return the evidence for a part without a line, doubted if an unexplained line is near its order."""
     if not depth or abs(order / part.order - 1) > _MISDECLARED or depth <= part.unsure_depth:
         return part
-    why = f"the line at {order:.3f}, which modulates by {depth:.0%}, is of no part that is drawn; check the bearing"
+    why = f"the line at {order:.3f}, which modulates by {depth:.0%}, belongs to no component; check the bearing"
     return replace(part, unsure_depth=depth, hidden_by=why)
 
 
@@ -314,7 +314,7 @@ def _of_a_stronger_part(
             cage = bearings[other.component].cage
             turns = round(part.found / cage) if cage > 2 * near else 0  # slower, and any line is near a multiple
             if 0 < turns <= _SIDEBANDS and abs(part.found - turns * cage) <= near:
-                return f"it is {turns} times the rate at which a cage takes {other.component} rolling element round"
+                return f"it is {turns} times the rate at which a cage carries {other.component} rolling element"
         multiple = round(part.found / other.found)
         deeper = other.depth >= part.depth * (1 - 1 / part.snr - 1 / other.snr)
         if 1 < multiple <= _CARRIED and deeper:
@@ -562,10 +562,10 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
             # only a comb that stands far away from it says more
             far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS and k % multiple]
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
-                return f"it is {name}, of whose multiples most stand out"
+                return f"it is {name}, most of whose multiples stand out"
         exact = multiple == 1 or (off <= EXACT_BINS * width and setting.measured)
         if exact and not slow and multiple <= _COMB:
-            return f"it stands at {name}"
+            return f"it coincides with {name}"
     return ""
 
 

@@ -275,7 +275,7 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
         least = larger.depth / RIVAL_FACTOR
         return _hidden(why), f"indicated from a modulation of {least:.1%} on (now {part.depth:.1%})"
     if part.other_strength > strength([part.depth], part.snr) and not _is_known(part, others):
-        why = f"the line at {part.other_order:.3f} orders, which nothing explains, is stronger ({part.other_depth:.1%})"
+        why = f"the unexplained line at {part.other_order:.3f} orders is stronger ({part.other_depth:.1%})"
         return _hidden(why), "indicated, if that line were weaker than its own"
     clear = RIVAL_FACTOR * FAULTY_DEPTH
     if part.depth >= clear:

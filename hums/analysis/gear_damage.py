@@ -346,7 +346,7 @@ class _Judge:
                 contacts=gear.contacts,
             )
         except ValueError as error:
-            return replace(row, not_judged=f"too short or too slowly sampled: {error}")
+            return replace(row, not_judged=f"too short, or its sampling rate too low: {error}")
         found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0), stated=self.named_at)
         if found.turns < PERMUTED_TURNS:
             repeats = repeated_waveform(
@@ -509,7 +509,7 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
         return judging_nothing(blank, why, least_change, next_step)
     alike = "uniform wear requires an earlier record"
     if row.differing <= DIFFERING_TEETH:
-        alike = "they differ as pitch deviations cause; pitting of many teeth or wear of all requires an earlier record"
+        alike = "they differ as with pitch deviations; pitting of many teeth or wear of all requires an earlier record"
     return replace(
         blank,
         verdict=NOTHING_FOUND,
@@ -521,20 +521,20 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
 
 def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     """Return why a gear without a finding is not judged, the next step and what would change that; empty if it is."""
-    longer = "judged in a longer record, or a faster sampled one"
+    longer = "judged in a longer record, or at a higher sampling rate"
     if why := row.not_judged or (_NO_ANGLE if row.unmeasured_angle else ""):
         change = {_FAULTY: "judged with a sound sensor", _NO_ANGLE: "judged with a tachometer"}.get(why, longer)
         return why, "", change
     if row.explained_by and row.probability <= stated:
         by = row.explained_by
-        return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"
+        return f"its evidence may be due to {by}", "", f"indicated without the tooth of {by}"
     if row.turns < FEWEST_CYCLES:
         why = f"too short: in {row.turns} revolutions only severe damage shows; at least {FEWEST_CYCLES:g} are required"
         return why, "", longer
     if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (
-            "its teeth differ in the same way throughout the record, as pitch deviations of a sound gear or pits on "
-            f"several teeth cause, and the highest is {row.outlier:.1f} standard deviations above the others"
+            "its teeth differ in the same way throughout the record, as with pitch deviations of a sound gear or pits "
+            f"on several teeth, and the highest is {row.outlier:.1f} standard deviations above the others"
         )
         change = f"nothing found, if that were below {HIGHEST_TOOTH:g} standard deviations"
         return why, _COMPARE, change

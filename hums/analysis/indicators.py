@@ -160,7 +160,7 @@ class MonitoredComponent:
         except ValueError as error:
             withheld = str(error)
         if not withheld and not math.isfinite(value):
-            value, withheld = math.nan, "it is not finite: what it is divided by is nothing."
+            value, withheld = math.nan, "it is not finite: its denominator is zero."
         return IndicatorValue(
             channel=self.channel,
             component=self.component,
@@ -315,7 +315,7 @@ def carrier_sideband_ratio(
         if stage.misfit:
             raise ValueError(stage.misfit)
         if any(place != Fraction(k, teeth.planets) for k, place in enumerate(teeth.positions_rev)):
-            raise ValueError("planets that are not evenly spaced cancel no sideband, even in health.")
+            raise ValueError("unevenly spaced planets cancel no sideband, even in a healthy stage.")
         found = INDICATORS["carrier_sideband_ratio"](
             average(), ring_teeth=teeth.ring, planets=teeth.planets, harmonic=1, sidebands=teeth.planets
         )

@@ -417,9 +417,9 @@ def _pooled_notes(channel: AnalysedChannel) -> Iterator[str]:
     yield (
         f"{len(channel.segments)} {pieces} were analysed together: spectra are averages of power over "
         f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} revolutions. Lines closer to each other than "
-        f"{spectrum.resolution:.2g} orders are one, whatever the number of {pieces}; probabilities are those of "
-        "records in one piece, which pooled noise does not exceed."
-        + ("" if snapshots else " Indicators and gears are those of the median segment, pictures those of the first.")
+        f"{spectrum.resolution:.2g} orders are not resolved, whatever the number of {pieces}; probabilities are those "
+        "of continuous records, which pooled noise does not exceed."
+        + ("" if snapshots else " Indicators and gears are those of the median segment; plots show the first.")
     )
 
 
@@ -428,8 +428,8 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     if settings.speed_range_hz is not None and found is None:
         known = f'tachometer "{machine.source.tachometer}"' if machine.source.tachometer else "a declared speed"
         yield (
-            f"The record has {known}, which tells the angle: the range and acceleration given for estimating the speed "
-            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used to estimate it."
+            f"The record has {known}, which defines the angle: the range and acceleration for estimating the speed "
+            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used."
         )
     declared = machine.source.declared
     if declared is not None and declared.refined:
@@ -475,8 +475,8 @@ def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iter
     jitter = f"The tachometer's pulses jitter by {machine.jitter_s * 1e6:.3g} us"
     if of_pulses := sum(channel.of_pulses for channel in channels):
         jitter += (
-            f", as where a coarse clock samples them: {of_pulses} lines that nothing else explains are sidebands which "
-            "this makes of larger ones"
+            f", as with a coarse sampling clock: {of_pulses} otherwise unexplained lines are sidebands of larger ones "
+            "that this causes"
         )
     if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
         yield from [f"{jitter}."] if of_pulses else []
@@ -492,7 +492,7 @@ def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iter
 def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
     if channel.faulty:
         yield (
-            f'Channel "{channel.name}" is faulty (see sensor health): its indicators are withheld but for the raw RMS, '
+            f'Channel "{channel.name}" is faulty (see sensor health): its indicators except the raw RMS are withheld, '
             "and no damage is diagnosed from it."
         )
     if channel.left_out:
@@ -508,8 +508,8 @@ def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
         )
     if channel.crest_factor > _SPIKE:
         yield (
-            f'Channel "{channel.name}": one sample stands {channel.crest_factor:.0f} times above the RMS, as a spike '
-            "of the electronics does; it can hide everything else."
+            f'Channel "{channel.name}": one sample reaches {channel.crest_factor:.0f} times the RMS, like an '
+            "electrical spike, which may mask everything else."
         )
 
 
@@ -518,7 +518,7 @@ def _spectrum_end_notes(channel: AnalysedChannel, settings: AnalysisSettings) ->
     if stated is not None and last + channel.spectra[ORDER_SPECTRUM].bin_width < stated:
         yield (
             f'Channel "{channel.name}": its order spectrum ends at {last:.4g} orders, not at the {stated:g} asked for '
-            f"(max_order, --max-order): at the highest speed its rate of {channel.rate_hz:g} Hz carries no more."
+            f"(max_order, --max-order): at top speed, its rate of {channel.rate_hz:g} Hz permits no higher order."
         )
 
 
@@ -526,6 +526,6 @@ def _out_of_range_notes(channel: AnalysedChannel) -> Iterator[str]:
     if channel.out_of_range:
         names = sorted({f"{w.component} {w.kind}" for w in channel.out_of_range})
         yield (
-            f'Channel "{channel.name}": {len(channel.out_of_range)} lines are out of reach, above what the sampling '
-            f"rate or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
+            f'Channel "{channel.name}": {len(channel.out_of_range)} lines could not be assessed: above the range of '
+            f"the sampling rate or envelope band, or in too short a record: {', '.join(names)}."
         )

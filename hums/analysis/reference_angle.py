@@ -172,7 +172,7 @@ class Machine:
             begin, end = phase.stops_s[0]
             reasons.append(
                 f"The shaft may have stopped ({len(phase.stops_s)} times, first from {begin:.4g} to {end:.4g} s), and "
-                "the pulses do not tell which way it turned after: the angle is counted as if it went on."
+                "the pulses do not show its direction afterwards: it is taken to have continued in the same direction."
             )
         if self.jitter_limit_order < 1:
             reasons.append(
@@ -267,7 +267,7 @@ def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, sett
     low, high = settings.speed_range_hz or (0.0, _FASTEST_HZ)
     if low <= speed <= high:
         return
-    said = "the declared range" if settings.speed_range_hz else "what is plausible without a declared one"
+    said = "the declared range" if settings.speed_range_hz else "the plausible range"
     raise AnalysisError(
         f'tachometer "{tachometer}" gives {speed:.4g} rev/s ({60 * speed:,.0f} rpm) of the reference "{reference}", '
         f"outside {said}, {low:g} to {high:g} rev/s. Check the tachometer, its pulses_per_rev and whether the shaft "
@@ -451,7 +451,7 @@ def _contradiction(one: _Tachometer, other: _Tachometer, reference: str) -> str:
         speeds = [float(np.abs(tach[-1] - tach[0])) / (end - begin) for tach in (first, second)]
         return (
             f"{names} contradict each other: by the drawing they give {speeds[0]:.5g} and {speeds[1]:.5g} Hz as the "
-            f'speed of "{reference}", a ratio of {speeds[0] / speeds[1]:.4g} where 1 is right. Correct pulses_per_rev, '
+            f'speed of "{reference}", a ratio of {speeds[0] / speeds[1]:.4g} instead of 1. Correct pulses_per_rev, '
             "the shaft or the drawing, or leave the wrong one out of the record"
         )
     if abs(delay) * float(np.ptp(speed)) > _LEAST_TURNS and abs(delay) > _CERTAIN * std:

@@ -2,8 +2,8 @@
 
 A peak is explained if it is a multiple of a shaft order, a mesh harmonic or its sideband at the spacing of any shaft, a
 multiple of the mains frequency, or the flank of a larger line. The others are listed with their common spacing: a
-family of multiples of one order belongs to the bearing with that defect order, or else to another machine or a component
-missing from the drawing. If such lines exceed the meshes of the drawing, the record does not look like its gearbox.
+family of multiples of one order belongs to the bearing with that defect order, or else to another machine or a
+component missing from the drawing. If such lines exceed the meshes of the drawing, the record is not of its gearbox.
 """
 
 import math
@@ -88,7 +88,7 @@ class PulseVariation:
 
     @classmethod
     def of(cls, times_s: Numbers, turns: Numbers, jitter_s: float) -> "PulseVariation | None":
-        """Return the variation by second differences, at most that of pulses with this jitter; None for too few pulses."""
+        """Return the variation by second differences, at most that of pulses with this jitter; None for few pulses."""
         if turns.size < _FEWEST_PULSES or not (np.diff(turns) > 0).all():
             return None
         even = np.linspace(turns[0], turns[-1], turns.size)
@@ -187,7 +187,7 @@ def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
                 and abs(part * spacing - multiple * shaft) <= max(drawn.tolerance, _SAME) * multiple * shaft
             ):
                 return f"{family}: a shaft of order {shaft:.4g}"
-    return f"{family}: another machine, or a part that the drawing lacks"
+    return f"{family}: another machine, or a component missing from the drawing"
 
 
 def flanks(orders: Numbers, amplitudes: Numbers, bin_width: float) -> NDArray[np.bool_]:
@@ -339,10 +339,10 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     largest_own = float(sizes[own & ~shafts].max(initial=0.0))
     if size < STRANGE_FACTOR * largest_own:
         return ""
-    than = f"{size / largest_own:.0f} times the largest mesh line of the drawing" if largest_own else "alone"
+    than = f"{size / largest_own:.0f} times as large as any mesh line" if largest_own else "larger than any mesh line"
     return (
-        f"this does not look like that gearbox: the line at {order:.3f} orders, which has harmonics as a mesh has and "
-        f"is no mesh of the drawing, stands {than}; check the drawing, its reference, and the pulses per revolution"
+        f"the record does not look like this gearbox: the line at {order:.3f} orders has harmonics like a mesh line "
+        f"and is {than} of the drawing; check the drawing, its reference, and the pulses per revolution"
     )
 
 

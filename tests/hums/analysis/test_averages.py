@@ -70,7 +70,7 @@ def test_envelope_lines_do_not_depend_on_the_level():
 def test_the_rest_is_refused_by_name(table):
     why = table["withheld"]
     assert "no time" in why["planet 1", "velocity_rms"]
-    assert "no multiples of a revolution" in why["planet 1", "defect_energy"]
+    assert "not whole orders" in why["planet 1", "defect_energy"]
     assert "average over a carrier" in why["planet 1", "carrier_sideband_ratio"]
     assert (table["value"].isna() == (why != "")).all()
 
@@ -99,7 +99,7 @@ def test_nothing_is_judged(gearbox):
     verdicts = hums.verdict_table(hums.analyze(average(MESH), gearbox))
     assert set(verdicts["verdict"]) == {"not judged"}
     reasons = verdicts.set_index(["component", "kind"])["doubts"]
-    assert "no spread" in reasons["planet-ring/planet", "tooth"]
+    assert "scatter between revolutions" in reasons["planet-ring/planet", "tooth"]
     assert "average over planet 1" in reasons["sun-planet/sun", "tooth"]
     assert "averaging removed" in reasons["carrier front", "inner_race"]
 

@@ -108,8 +108,8 @@ ASSESSED = {
     "2.5 bins away": ([*inner(60), line("rolling_element", 4.825, 21.0)], None),
     "less than a third": ([*inner(60), line("rolling_element", 4.825, 19.0)],
         "hidden by b inner race, 3 times as large"),
-    "edge of the search": ([line("inner_race", 5.4, 9.0, at_edge=True)], "the flank of what stands outside"),
-    "more than half leakage": ([line("inner_race", 5.4, 9.0, leakage=5.0)], "the flank of a stronger line"),
+    "edge of the search": ([line("inner_race", 5.4, 9.0, at_edge=True)], "the flank of a peak outside"),
+    "more than half leakage": ([line("inner_race", 5.4, 9.0, leakage=5.0)], "the flank of a stronger adjacent line"),
     "less than half leakage": ([line("inner_race", 5.4, 9.0, leakage=4.0)], None),
     "harmonic alone": ([line("outer_race", 7.2, 20.0, k=2)], ""),
     "wrong spacing": ([*inner(), line("inner_race", 10.85, 8.0, k=2)], ""),
@@ -117,7 +117,7 @@ ASSESSED = {
         line("tooth", 21.0, 10.0, of="m/g", side=1)], None),
     "damaged cage": ([*cage(), line("rolling_element", 4.75, 9.0)], None),
     "cage of an outer race": ([*outer(14), line("cage", 0.43, 9.0)],
-        "elements that are not alike modulate b outer race"),
+        "unequal elements modulate b outer race"),
     "42nd of a slow shaft": ([*shaft(4.5, 4.5, 4.5, spacing=0.107), line("rolling_element", 4.494, 5.2)],
         "harmonic 42 of s shaft"),
     # a spot carried through a load zone cos^1.5 has weights of 0.82, 0.43 and 0.09; impacts have equal ones
@@ -126,7 +126,7 @@ ASSESSED = {
         "harmonic 6 of s shaft"),
     "cage of a damaged element": (
         [*element(snr=14, second=14.5), line("rolling_element", 4.35, 14.0, side=-1), line("cage", 0.4, 17.0)],
-        "at which it takes b rolling element through the load zone",
+        "at which it carries b rolling element through the load zone",
     ),
 }  # fmt: skip
 
@@ -200,7 +200,7 @@ JUDGED = {
         "2 times the line at 2.700"),
     "shallower line": (inner(second=7), {"peaks": [(4.4, 0.3)]}, INNER, "diagnosed", ""),
     "stronger line": (inner(sideband=7), {"peaks": [(7.1, 0.9)]}, INNER, "not judged",
-        "the line at 7.100 orders, which nothing explains"),
+        "the unexplained line at 7.100 orders"),
     "stronger line in noise": (inner(sideband=7), {"peaks": [(7.1, 0.9)], "noise": 0.2}, INNER, "diagnosed", ""),
     "change of level": (inner(sideband=7), {"peaks": [(0.15, 0.9)]}, INNER, "diagnosed", ""),
     "comb of a slow shaft": (outer(at=5.4, order=5.4, second=0),

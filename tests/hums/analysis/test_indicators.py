@@ -273,7 +273,7 @@ def spaced(copies, spacing_deg=None):
 def test_planets_unevenly_spaced():
     uneven = spaced(3, [0, 360 * 41 / 126, 240])
     row = value(analyze(planetary_record(seconds=20), uneven, settings=BARE), "carrier", "carrier_sideband_ratio")
-    assert "not evenly spaced" in row.withheld
+    assert "unevenly spaced planets" in row.withheld
 
 
 def test_planets_that_do_not_fit_where_they_are_drawn():

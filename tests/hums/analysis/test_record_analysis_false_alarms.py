@@ -1,4 +1,4 @@
-"""The uncertainty of the tracks is the real one, and what follows the clock is no part."""
+"""The uncertainty of the tracks is the real one, and a line of constant frequency is no component's."""
 
 import pytest
 
@@ -64,7 +64,7 @@ def test_a_neighbour_that_follows_the_clock_is_no_part():
     wandering = {**steady, "turbulence": {"rms": 6.0, "time_scale_s": 1.0}}  # by 0.4 %
     found = verdict_of_the_outer_race(speed=wandering, **neighbour)
     assert found.verdict == "not judged"
-    assert f"it follows the clock: at {order * rpm / 60:.2f} Hz" in found.doubts
+    assert f"its frequency is constant: at {order * rpm / 60:.2f} Hz" in found.doubts
     assert verdict_of_the_outer_race(speed=wandering, **own).verdict == "diagnosed"
     # at a constant speed one record cannot tell them apart
     assert {verdict_of_the_outer_race(speed=steady, **each).verdict for each in (own, neighbour)} == {"diagnosed"}

@@ -88,7 +88,7 @@ def test_noise_names_nothing(gearbox):
 def test_the_resolution_is_stated_and_the_rest_is_withheld(outer):
     (note,) = [note for note in hums.summary(outer)["notes"] if "analysed together" in note]
     assert "100 blocks of 2.875 revolutions" in note
-    assert "closer to each other than 0.5 orders are one" in note
+    assert "closer to each other than 0.5 orders are not resolved" in note
     table = hums.indicator_table(outer).set_index("indicator")
     assert "cannot be averaged" in table["withheld"]["fm4"]
     assert table["value"]["rms"] == pytest.approx(np.sqrt(1 + 0.3**2 / 2), rel=0.01)
