@@ -314,7 +314,7 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) ->
             )
     elif not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
         raise RecordError(
-            f"{folder} holds files of no conversion of this form; name a new or empty folder, or use --force "
+            f"{folder} holds files that are not from such a conversion; name a new or empty folder, or use --force "
             "(force=True)."
         )
     write_text(mark, json.dumps(task, indent=1))  # first, as a folder without it belongs to others

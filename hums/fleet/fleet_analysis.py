@@ -340,8 +340,8 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
     The process may have been killed from outside, or because another exhausted the memory.
     """
     sentence = (
-        f"{source.path} killed its reader: the process that analysed it died twice. The file is damaged, or needs "
-        "more memory than there was. Copy it again from where it came, or run again."
+        f"{source.path}: the process that analysed it died twice. The file is damaged, or needs more memory than was "
+        "available. Copy it again from its source, or run again."
     )
     folder.mkdir(exist_ok=True)
     _write_row(source, {"machine": "", "recorded_at": "", "error": sentence}, folder / path.name)

@@ -202,7 +202,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
         often = f"once in {float(f'{seldom:.2g}'):,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
         text += f" An unchanged component reaches its condition index, {index:.2f}, {often} records."
         follows = state.open.get(component, {}).get("consequences", "")
-        text += f" What follows from it: {follows}." if follows else ""
+        text += f" Consequences: {follows}." if follows else ""
     if state.unwatched_since:
         text += f" Not monitored since {state.unwatched_since}: later records were refused."
     return text

@@ -117,7 +117,7 @@ class Epoch:
                 return f"{name} = {value:.4g} outside {low:.4g} to {high:.4g}"
         at = np.array([seen.covariates[name] for name in self.covariates])
         if self.normal is not None and self.normal.series.leverage(_logarithms(at)) > MOST_LEVERAGE:
-            return f"{', '.join(self.covariates)} too far from those of the baseline to foretell what is normal"
+            return f"{', '.join(self.covariates)} too far from those of the baseline to predict normal values"
         return ""
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
@@ -290,14 +290,14 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
 def _nothing_new(state: MachineState, seen: Observation) -> str:
     """Return why a record is a repetition or comes too late, or an empty string; keep its digest."""
     if seconds_since_1970(seen.recorded_at) < state.last_seconds:
-        return f"recorded at {seen.recorded_at}, before the latest record; watch records in the order of time"
+        return f"recorded at {seen.recorded_at}, before the latest record; pass records in chronological order"
     if not seen.values:
         return ""
     values = seen.values
     numbers = values.numbers if isinstance(values, SeriesValues) else np.array(list(values.values()))
     digest = hashlib.sha256(np.sort(numbers).tobytes()).hexdigest()[:16]
     if digest in (*state.learned, state.latest):
-        return "watched before: its indicators are those of an earlier record to the last digit"
+        return "watched before: its indicators are identical to those of an earlier record"
     state.latest = digest
     if any(epoch.normal is None for epoch in state.strata.get(seen.regime, {0: Epoch()}).values()):
         state.learned.append(digest)

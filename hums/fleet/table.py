@@ -349,11 +349,11 @@ def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
 def _reason_for_no_trends(table: xr.Dataset) -> str:
     dated = np.isfinite(_days_since_1970(table["recorded_at"].to_numpy()))
     if table.sizes["record"] and not dated.any():
-        return "no trends: no record says when it was made; give recorded_at (hums convert --recorded-at)"
+        return "no trends: no record states its time; give recorded_at (hums convert --recorded-at)"
     most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
     if most < FEWEST:
-        return f"no trends: a machine needs {FEWEST} analysed records with recorded_at, and the most of any is {most}"
-    return f"no trends: no series has {FEWEST} values at different times that differ from each other"
+        return f"no trends: a machine needs {FEWEST} records with recorded_at, and the largest number is {most}"
+    return f"no trends: no series has {FEWEST} different values at different times"
 
 
 def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:

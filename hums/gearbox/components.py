@@ -183,7 +183,7 @@ def parsed_toml(text: str, *, where: str, error: type[ValueError]) -> dict[str, 
     except tomllib.TOMLDecodeError as caught:
         raise error(f"{where} is not valid TOML: {caught}.") from None
     except RecursionError:
-        raise error(f"{where} nests tables or lists over {_DEEPEST} deep; no file of ours does.") from None
+        raise error(f"{where} nests tables or lists over {_DEEPEST} levels deep, more than any valid file.") from None
     except error:
         raise
     except ValueError as caught:  # Python's own bound on the digits of a number
@@ -199,7 +199,7 @@ def _refuse_deep(tables: dict[str, Any], *, where: str, error: type[ValueError])
         level = [item for item in inner if isinstance(item, dict | list)]
         if not level:
             return
-    raise error(f"{where} nests tables or lists over {_DEEPEST} deep; no file of ours does.")
+    raise error(f"{where} nests tables or lists over {_DEEPEST} levels deep, more than any valid file.")
 
 
 def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:

@@ -172,7 +172,7 @@ def test_what_a_folder_refuses(folder, packed, tmp_path):
         convert_files(sources, folder, **DECLARED)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(RecordError, match="files of no conversion"):
+    with pytest.raises(RecordError, match="not from such a conversion"):
         convert_files(sources, tmp_path / "other", **DECLARED)
     with pytest.raises(RecordError, match="not among the sources"):
         convert_files(sources[:3], packed.folder, **DECLARED)

@@ -194,7 +194,7 @@ class TestGoingOn:
         monkeypatch.setattr(fleet_analysis, "_analyse_to_file", clusters.die_at_record)
         result = run([records], folder, workers=Processes(count=1))
         assert (result.records, result.failed, result.analysed) == (6, 1, 1)
-        assert "2.h5 killed its reader" in result.errors[str(records / "2.h5")]
+        assert "2.h5: the process that analysed it died twice" in result.errors[str(records / "2.h5")]
         failed = [row["record"] for row in rows(folder / "fleet.csv") if row["error"]]
         assert failed == [str(records / "2.h5")]
         assert len(list((folder / "killed").iterdir())) == 1
@@ -289,17 +289,20 @@ class TestWhyThereAreNoTrends:
 
     def test_too_few_of_a_machine(self, tmp_path):
         why, found = trends({"fan": (1.0, 1.2, 1.4), "mill": (1.1, 1.3, 1.5)}, tmp_path)
-        assert why == "no trends: a machine needs 5 analysed records with recorded_at, and the most of any is 3"
+        assert why == "no trends: a machine needs 5 records with recorded_at, and the largest number is 3"
         assert {row["trend"] for row in found} == {"too few to test"}
         change = {row["machine"]: float(row["change"]) for row in found}
         assert change == pytest.approx({"fan": 1.4 / 1.0, "mill": 1.5 / 1.1}, rel=1e-5)  # six digits are written
 
     def test_no_dates(self, tmp_path):
         stored = [replace(kept(observed(day)), recorded_at="") for day in range(6)]
-        assert "no record says when it was made; give recorded_at" in write_tables(stored, tmp_path).no_trends
+        assert "no record states its time; give recorded_at" in write_tables(stored, tmp_path).no_trends
 
     def test_all_at_one_time(self, tmp_path):
-        assert "no series has 5 values at different times" in trends({"mill": range(1, 6)}, tmp_path, days=[0] * 5)[0]
+        assert (
+            "no series has 5 different values at different times"
+            in trends({"mill": range(1, 6)}, tmp_path, days=[0] * 5)[0]
+        )
 
 
 def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, capsys):
@@ -323,7 +326,7 @@ def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, ca
     code, out, _ = command(str(tmp_path / "good.h5"), broken[0])
     assert (code, out.splitlines()[-1]) == (3, "1 of 2 failed; reasons: column error of fleet.csv")
     assert "2 records: 1 analysed now, 1 before, 1 failed" in out
-    assert "no trends: a machine needs 5 analysed records" in out
+    assert "no trends: a machine needs 5 records" in out
 
 
 def test_the_command_keeps_what_a_script_analysed(records, done, tmp_path, monkeypatch, capsys):
