@@ -193,10 +193,8 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
     fit = BlockFit.of(grid)
     if noise is None:
-        white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
+        white = fit.residuals(startup).mean_square
         noise = noise_density(x[None], seen, model, white, curved=False)[0][0].mean(axis=-1)
-        if np.isnan(noise).any():
-            noise = np.where(np.isnan(noise), fit.residuals(startup).mean_square, noise)
     std = np.sqrt(np.where(noise > 0, noise, 1.0))
     others = WithoutOthers(grid, fit.smoothed.levels)
     alone, near = _groups(Closeness.of(smooth), seen, length)

@@ -12,7 +12,7 @@ groups. *Exact*: short blocks and all orders jointly, with an error below a few 
 of one sample. See `docs/trackers.md`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, pi, sqrt
 
 import numpy as np
@@ -20,7 +20,6 @@ import numpy as np
 from signals.harmonics.block_grid import Grid, at_outputs, pieces_between
 from signals.harmonics.coupling import Joint, Smoothed, couple, smooth_apart, smooth_jointly
 from signals.harmonics.innovations import Innovations
-from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.separability import Closeness
 from signals.harmonics.state_space import Estimate, Flags, Floats, HarmonicModel
 
@@ -72,8 +71,6 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     fit = BlockFit.of(Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance))
     droop = (pi * model.bandwidth.max() * length) ** 2 / 12  # of an amplitude at the edge of the widest band
     bound = max(droop, scattered_share(seen, length), tolerance, fit.left)
-    if fit.left > 0 and model.poles > 1 and fit.alike:
-        bound = inf  # what others leave in their difference does not fade in a memory
     return fit.estimate(fit.residuals(startup), output_every=output_every, error_bound=bound)
 
 
@@ -90,12 +87,12 @@ def exact(
 
     Parameters as for `fast`; `noise_variance` is R, None where it is estimated.
     """
-    length, alike = exact_length(model, seen.size), Closeness.of(model).dwell()
+    length = exact_length(model, seen.size)
     while True:
         grid = Grid(model=model, x=x, seen=seen, length=length)
         smoothed, nodes = Smoothed.empty(grid), slice(0, grid.nodes)
         smooth_jointly(grid, Joint(np.arange(model.orders.size), nodes, nodes), None, smoothed)
-        fit = BlockFit(grid=grid, smoothed=smoothed, left=0.0, alike=alike)
+        fit = BlockFit(grid=grid, smoothed=smoothed, left=0.0)
         residuals = fit.residuals(startup)
         std = np.sqrt(residuals.mean_square if noise_variance is None else np.full(len(x), noise_variance))
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
@@ -123,14 +120,15 @@ class BlockFit:
     grid: Grid  # the record
     smoothed: Smoothed  # what is estimated
     left: float  # largest leakage that is not smoothed jointly, relative to the largest amplitude
-    alike: bool  # whether orders stay within half a bandwidth of each other
 
     @classmethod
     def of(cls, grid: Grid) -> "BlockFit":
         """Smooth a record."""
         smoothed, closeness = smooth_apart(grid), Closeness.of(grid.model)
         left = couple(grid, closeness, smoothed)
-        return cls(grid=grid, smoothed=smoothed, left=left, alike=closeness.dwell())
+        if left > 0 and grid.model.poles > 1 and closeness.dwell():
+            left = inf  # what others leave in the difference of such orders does not fade in a memory
+        return cls(grid=grid, smoothed=smoothed, left=left)
 
     def estimate(self, residuals: Innovations, *, output_every: int, error_bound: float) -> Estimate:
         """Return the estimate at the outputs, with the statistics of `residuals`."""
@@ -141,17 +139,9 @@ class BlockFit:
         """Return statistics of the residuals in segments of the record from sample `startup` on.
 
         Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
-        covariance of the amplitudes times their regressors. Orders that stay within half a bandwidth of each other may
-        have large amplitudes of opposite sign, which are not accurate between nodes: then the innovations of the
-        covariance filter are taken, of the first samples.
+        covariance of the amplitudes times their regressors.
         """
         grid, model = self.grid, self.grid.model
-        if self.alike:
-            part = slice(0, startup + RESIDUAL_SAMPLES)
-            width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, part]
-            head = replace(model, phases=tuple(phase[part] for phase in model.phases), bandwidth=width)
-            known = causal_filter(head, grid.x[:, part], output_every=grid.samples, startup=startup)
-            return Innovations(known.innovation_mean_square * known.innovation_samples, known.innovation_samples)
         pieces = pieces_between(self.smoothed.levels, cubic=model.poles > 1)
         explained = self.smoothed.explained.sum(axis=0)
         # With one pole half of a node's samples lie on either side, else all before it.
