@@ -41,9 +41,7 @@ from hums.analysis.thresholds import (
     MAINS_ACCURACY,
     MAINS_HARMONICS,
     MAINS_HZ,
-    MESH_SHARE,
     PEAK_RATIO,
-    SEEN,
 )
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
@@ -168,7 +166,8 @@ def analyse_channel(
     name, units, rate_hz = first.name, first.units, first.when.rate_hz
     searched = [line for line in expected if line.spectrum == ORDER_SPECTRUM]
     last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * rate_hz / machine.top_speed_hz)
-    segments = tuple(replace(one, last_order=last) for one in channel.segments)
+    drawn = drawn_by(machine, settings)
+    segments = tuple(replace(one, last_order=last, drawn=replace(drawn, tolerance=0.0)) for one in channel.segments)
     in_envelopes = [line for line in expected if line.spectrum == ENVELOPE]
     bands, no_band = _bands_to_search(rate_hz, machine, in_envelopes, settings)
     envelopes = _Envelopes.of(bands, in_envelopes, machine)
@@ -203,12 +202,12 @@ def analyse_channel(
     longest = max(read_anew(segments), key=lambda one: one.turns)
     lines = _with_passed_mains(lines, longest)
     best, seen, evidence = _assessed_envelopes(
-        envelopes, segments, longest, machine, in_envelopes, lines, settings, searches=len(bands), width=width
+        envelopes, segments, longest, machine, in_envelopes, settings, searches=len(bands), width=width
     )
     angle = machine.phase
     unexplained, of_pulses = unexplained_lines(
         spectrum,
-        drawn_by(machine, settings),
+        drawn,
         setting_of(machine),
         channel=name,
         units=units,
@@ -555,7 +554,7 @@ class _Envelopes:
             rate_hz=when.rate_hz,
             bands_hz=self.bands,
             highest_hz=self.highest_hz,
-            transform=segment.filled_transform,
+            transform=segment.free_transform,
         )
         for rate_hz, first in envelopes:
             some = [first, *(values for _, values in islice(envelopes, _TOGETHER // first.size))]
@@ -579,21 +578,16 @@ def _assessed_envelopes(
     longest: Segment,
     machine: Machine,
     expected: Sequence[ExpectedLine],
-    shaft_locked: Sequence[MeasuredLine],
     settings: AnalysisSettings,
     *,
     searches: int,
     width: float,
 ) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...]]:
-    """Return the envelope with the strongest evidence, the lines in all bands, and their evidence.
-
-    Bands with most of their power in lines of meshes and shafts are avoided: these lines beat with one another.
-    """
+    """Return the envelope with the strongest evidence, the lines in all bands, and their evidence."""
     name, units = segments[0].name, segments[0].units
     if not envelopes.bands:
         return None, (), ()
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
-    loud = [line for line in shaft_locked if line.line.false_alarm_probability < SEEN]
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     for band in envelopes.bands:
@@ -619,7 +613,6 @@ def _assessed_envelopes(
                 depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
                 backgrounds=peaks.background / level if level > 0 else np.zeros(peaks.position.size),
                 bin_width=spectrum.bin_width,
-                clear=not chosen.chosen or _mesh_share(found[-1], loud, machine) < MESH_SHARE,
                 line_probability=assessor.single_probability(lines),
             )
         )
@@ -629,7 +622,7 @@ def _assessed_envelopes(
     if segments[0].parts_per_turn == 1 and machine.separates_time_from_angle:
         evidence = [_unless_in_time(part, longest) for part in evidence]
     strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
-    place = next((place for place, band in enumerate(seen) if band.clear), 0)
+    place = 0
     if strongest is not None and strongest.strength > 0:
         place = [band.band_hz for band in seen].index((strongest.band_low_hz, strongest.band_high_hz))
     best = found[place]
@@ -675,7 +668,7 @@ def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
         rate_hz=when.rate_hz,
         bands_hz=[band],
         highest_hz=min(highest_hz, _ENVELOPE_SHARE * (band[1] - band[0])),
-        transform=segment.filled_transform,
+        transform=segment.free_transform,
     )
     rate_hz, envelope = next(iter(bank))
     times_s = when.start_s + np.arange(envelope.size) / rate_hz
@@ -731,17 +724,6 @@ def setting_of(machine: Machine) -> Setting:
         speed_range_hz=float(np.ptp(speeds)),
         measured=not machine.phase.nominal,
     )
-
-
-def _mesh_share(envelope: _Envelope, loud: Sequence[MeasuredLine], machine: Machine) -> float:
-    """Return the largest share, over speed, of a band's power in significant lines of meshes and shafts, `loud`."""
-    slow, fast = float(machine.speeds_hz.min()), machine.top_speed_hz
-    power = sum(
-        line.line.amplitude**2 / 2
-        for line in loud
-        if line.line.found * fast > envelope.band.low_hz and line.line.found * slow < envelope.band.high_hz
-    )
-    return power / (envelope.level**2 / 2) if envelope.level > 0 else 0.0
 
 
 def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -> EnvelopeBand:

@@ -28,6 +28,7 @@ from hums.analysis.detection import AssessedLine
 from hums.analysis.expected_lines import MeasuredLine, supports
 from hums.analysis.thresholds import (
     EXACT_BINS,
+    FASTEST_SPIN,
     FAULTY_DEPTH,
     FEWEST_CYCLES,
     HINT,
@@ -85,8 +86,7 @@ class Setting:
 class BandEvidence:
     """Lines and peaks in the envelope of one band, with the depth and background of each peak.
 
-    `clear` if meshes and shafts have little of the band's power; `line_probability` is the false-alarm probability
-    below which a single line is significant.
+    `line_probability` is the false-alarm probability below which a single line is significant.
     """
 
     band_hz: tuple[float, float]
@@ -95,7 +95,6 @@ class BandEvidence:
     depths: Numbers
     backgrounds: Numbers
     bin_width: float
-    clear: bool = True
     line_probability: float = 1.0
 
     @cached_property
@@ -136,13 +135,13 @@ class PartEvidence:
         Largest modulation that may have gone undetected in one of the widest bands. It is below `detectable_depth` if
         the line measured there is so small that a deeper one would have been larger in nine of ten records.
     inspected_hz : (float, float)
-        Range of these bands; damage that rings outside it, in bands dominated by meshes, is not excluded.
+        Range of these bands; damage that rings outside it is not excluded.
     unsure_depth : float
         Deepest line in any band at its order that does not count, because noise causes it too often or something else
         explains it (in which case, if the strength is 0, `hidden_by` says what).
     other_order, other_depth, other_strength : float
-        Strongest line in any band, no slower than the slowest part, that this part does not explain, and its strength
-        on its own; 0 if there is none.
+        Strongest line in the best band, no slower than the slowest part, that this part does not explain, and its
+        strength on its own; 0 if there is none. What causes the line of this part shows its own line beside it.
     sibling_depths : tuple of float
         Depths, in the best band, of the significant lines of the parts of the bearing, in the order of
         `BEARING_KINDS`, 0 if there is none; empty if the strength is 0.
@@ -214,21 +213,20 @@ def bearing_evidence(
     bearings : mapping of str to BearingOrders
     setting : Setting
     """
-    usable = [band for band in bands if band.clear] or list(bands)
     families: dict[tuple[str, str], list[tuple[BandEvidence, AssessedLine]]] = {}
-    for band in usable:
+    for band in bands:
         for line in band.lines:
             expected = line.measured.expected
             if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
                 families.setdefault(line.measured.family, []).append((band, line))
-    others = _Others(usable, setting)
+    others = _Others(bands, setting)
     parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
     parts = [
         replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
     ]
     parts = [replace(part, hidden_by=part.hidden_by or _of_a_better_comb(part, parts)) for part in parts]
     parts = [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
-    strange = _stranger(usable, parts, others)
+    strange = _stranger(bands, parts, others)
     return [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
 
 
@@ -397,22 +395,23 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     if best == 0:
         return plain
     harmonics, sidebands = _support(main, band, spacings)
-    own = _own(others.orders, main.line.found, spacings, others.width)
-    rest = np.flatnonzero(~own & (others.orders >= others.slowest))
-    strongest = rest[np.argmax(others.strengths[rest])] if rest.size else None
+    here = _Others([band], others.setting)
+    own = _own(here.orders, main.line.found, spacings, here.width)
+    rest = np.flatnonzero(~own & (here.orders >= here.slowest))
+    strongest = rest[np.argmax(here.strengths[rest])] if rest.size else None
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     found = main.line.found
-    hidden = _comb_of_a_shaft(found, main.depth, band, others.setting) or _mains(found, others)
+    hidden = _faster_than_it_rolls(main) or _comb_of_a_shaft(found, main.depth, band, others.setting)
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
-        hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
-        other_order=0.0 if strongest is None else float(others.orders[strongest]),
-        other_depth=0.0 if strongest is None else float(others.depths[strongest]),
-        other_strength=0.0 if strongest is None else float(others.strengths[strongest]),
+        hidden_by=hidden or _mains(found, others) or _explanation(found, own_depth, others, both),
+        other_order=0.0 if strongest is None else float(here.orders[strongest]),
+        other_depth=0.0 if strongest is None else float(here.depths[strongest]),
+        other_strength=0.0 if strongest is None else float(here.strengths[strongest]),
     )
 
 
@@ -537,6 +536,14 @@ def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> ND
         multiple = np.maximum(1, np.round(orders / spacing))
         on |= (multiple <= _SIDEBANDS) & (np.abs(orders - multiple * spacing) <= width)
     return on
+
+
+def _faster_than_it_rolls(line: MeasuredLine) -> str:
+    """Return how far the line of a rolling element is above its order, or an empty string if it may be."""
+    excess = line.line.found / line.expected.order - 1
+    if line.expected.kind != "rolling_element" or excess <= FASTEST_SPIN:
+        return ""
+    return f"it is {excess:.1%} above the order of the rolling element, and no element spins that fast"
 
 
 def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> str:

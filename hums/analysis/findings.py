@@ -25,7 +25,6 @@ from typing import Any
 from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
-    FASTEST_SPIN,
     FAULTY_DEPTH,
     JUDGED_DEPTH,
     LEAST_STRENGTH,
@@ -316,8 +315,6 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         doubts.append("no harmonic or sideband supports it")
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("it has no sidebands from passing the load zone, as expected on a rotating race")
-    if part.kind == "rolling_element" and part.found > (1 + FASTEST_SPIN) * part.order:
-        doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins that fast")
     doubts += [
         f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(_where_it_is(part, rival), part)}"
         for rival in _rivals(part, rivals)

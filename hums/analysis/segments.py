@@ -16,10 +16,13 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import fft
 
 from hums.analysis.reference_angle import Machine, prepare_machine, together
 from hums.analysis.result import SensorCondition
 from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.analysis.thresholds import UNEXPLAINED_RATIO
+from hums.analysis.unexplained import Drawn, distances, locked_to_shafts
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
 from hums.records.channels import Sampling, channel_values, names_of, sampling, tachometers, vibration_channels
@@ -27,13 +30,16 @@ from hums.records.snapshots import is_snapshots, snapshots_of
 from signals._transforms import transform_of
 from signals.angle.averaging import SynchronousAverage
 from signals.health import SensorHealth, sensor_health
-from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
+from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all, time_resample
 from signals.shaft.phase import ShaftPhase
+from signals.spectra.peaks import spectral_peaks
+from signals.spectra.spectra import order_spectrum
 
 LONGEST = 4_000_000  # samples of a channel at once: a gigabyte besides the record, two minutes at 33 kHz
 SHORTEST = 64  # samples that a check of the sensor needs
 _PARTS = 8  # of a turn, to whole ones of which a snapshot is cut: of three turns an eighth is lost, not one
 _LEAST_SHARE = 0.05  # of the longest segment's turns: what is shorter shows nothing that the longest does not
+_SLOW_HZ = 2.0  # changes of load that go with a line; a modulation of it by a shaft or a tooth is a line of its own
 _SPEEDS = 256  # over the record, for the check of the sensor: four in each part in which it looks for a change of level
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
@@ -59,6 +65,8 @@ class Segment:
         8 for a snapshot, which is cut to eighths of a revolution, else 1.
     last_order : float
         End of its order spectrum.
+    drawn : Drawn, optional
+        Orders that the drawing explains.
     averages : dict
         Synchronous averages of shafts computed so far.
     """
@@ -70,6 +78,7 @@ class Segment:
     turns: float
     parts_per_turn: int = 1
     last_order: float = 0.0
+    drawn: Drawn | None = None
     averages: dict[str, SynchronousAverage] = field(default_factory=dict, repr=False)
 
     @property
@@ -125,6 +134,32 @@ class Segment:
     def filled_transform(self) -> NDArray[np.complexfloating]:
         """Fourier transform of `filled` without its mean."""
         return self.transform if self.filled is self.values else transform_of(self.filled)
+
+    @cached_property
+    def free_transform(self) -> NDArray[np.complexfloating]:
+        """Fourier transform of `filled` without its mean and the lines of meshes and shafts, which beat in an envelope.
+
+        A line is a peak of the order spectrum that `drawn` explains; with it goes what changes its amplitude slowly.
+        """
+        signal, when = self.signal, self.when
+        spectrum = order_spectrum(signal, max_order=self.last_order)
+        peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO).position
+        lines = np.sort(peaks[locked_to_shafts(peaks, self.drawn, spectrum.bin_width)]) if self.drawn else peaks[:0]
+        if not lines.size:
+            return self.filled_transform
+        phase, size = self.machine.phase, signal.values.size
+        orders = np.arange(size // 2 + 1) * signal.samples_per_rev / size
+        away = distances(orders, lines) * float(self.machine.speeds_hz.mean()) / _SLOW_HZ
+        gain = 0.5 + 0.5 * np.cos(np.pi * np.minimum(away, 1.0))
+        kept = replace(signal, values=fft.irfft(gain * fft.rfft(signal.values - signal.values.mean()), size))
+        (begin,) = phase.times_at(np.array([signal.start_rev]))
+        first = math.ceil((begin - when.start_s) * when.rate_hz)
+        locked = time_resample(
+            kept, phase=phase, rate_hz=when.rate_hz, start_s=when.start_s + first / when.rate_hz
+        ).values[: when.count - first]
+        free = self.filled.copy()
+        free[first : first + locked.size] -= locked
+        return transform_of(free)
 
     @cached_property
     def signal(self) -> AngularSignal:

@@ -81,12 +81,6 @@ Halved, defects under a load that turns with the shaft are lost; doubled, impact
 to fall on the order of an inner race are named as often as real ones.
 """
 
-MESH_SHARE = 0.1
-"""Share of a band's power in lines of meshes and shafts from which their beats could be its envelope.
-
-Halved, bands with a weak mesh line are lost; doubled, beats of a mesh and a shaft are read as races.
-"""
-
 PEAK_RATIO = 4.0
 """Ratio to the background from which any point of an envelope's spectrum counts as a line.
 
@@ -194,12 +188,12 @@ orders are only indicated.
 """
 
 FASTEST_SPIN = 0.01
-"""Relative excess over its order above which a line is not certain to be a rolling element's.
+"""Relative excess over its order above which a line is not that of a rolling element.
 
 An element that slips spins slower than it rolls. A contact angle that load opens raises its order, but by no more than
 2 g / (1 - g) of what the inner race loses, g the ratio of its diameter to the pitch diameter times the cosine: half of
 it at g = 0.2, one of 2 % at most. Halved or doubled, no verdict of 42 records changes, ten of them of damaged elements,
-which slip and do not spin faster. By reasoning alone: halved, elements of angular contact bearings are only indicated;
+which slip and do not spin faster. By reasoning alone: halved, elements of angular contact bearings are not judged;
 doubled, the whole range that is searched counts.
 """
 

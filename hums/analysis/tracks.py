@@ -291,7 +291,7 @@ def bearing_line(segment: Segment, part: PartEvidence, *, slip: float) -> Envelo
     """Return the fundamental of a bearing defect in the envelope of its band, with sufficient sampling."""
     when, band = segment.when, (part.band_low_hz, part.band_high_hz)
     ((rate_hz, envelope),) = bank_envelopes(
-        segment.filled, rate_hz=when.rate_hz, bands_hz=[band], transform=segment.filled_transform
+        segment.filled, rate_hz=when.rate_hz, bands_hz=[band], transform=segment.free_transform
     )
     at = replace(when, rate_hz=rate_hz, count=envelope.size)
     last = (1 + slip) * part.order + _MARGIN_ORDERS

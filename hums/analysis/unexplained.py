@@ -123,7 +123,7 @@ def unexplained_lines(
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     width = MATCH_BINS * spectrum.bin_width
     selected = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
-    selected &= ~_explained(peaks.position, drawn, width)
+    selected &= ~locked_to_shafts(peaks.position, drawn, width)
     mains = on_mains(peaks.position, setting, width)
     selected &= ~mains
     made = np.zeros_like(selected) if pulses is None else selected & pulses.makes(peaks.position, peaks.amplitude)
@@ -199,17 +199,17 @@ def flanks(orders: Numbers, amplitudes: Numbers, bin_width: float) -> NDArray[np
     )
 
 
-def _near(orders: Numbers, places: Numbers, width: float, tolerance: float) -> NDArray[np.bool_]:
-    """Return which orders lie within a width, or a relative tolerance, of any of some sorted orders."""
-    if not places.size or not orders.size:
-        return np.zeros(orders.size, dtype=bool)
+def distances(orders: Numbers, places: Numbers) -> Numbers:
+    """Return the distance of each order to the nearest of some sorted orders, infinite if there are none."""
+    if not places.size:
+        return np.full(orders.size, np.inf)
     at = np.searchsorted(places, orders)
     below, above = places[np.maximum(at - 1, 0)], places[np.minimum(at, places.size - 1)]
-    nearest = np.minimum(np.abs(orders - below), np.abs(orders - above))
-    return nearest <= np.maximum(width, tolerance * orders)
+    return np.minimum(np.abs(orders - below), np.abs(orders - above))
 
 
-def _explained(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]:
+def locked_to_shafts(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]:
+    """Return which orders lie within a width of a multiple of a shaft, or of a mesh harmonic or its sideband."""
     shafts = np.array([s for s in drawn.shafts if s > 0])
     most = int(orders.max(initial=0.0) / max(shafts.max(initial=1.0), 1e-9)) + _SHAFT_MULTIPLES
     own = np.outer(shafts, np.arange(1, most + 1)).ravel()
@@ -217,7 +217,7 @@ def _explained(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]
     offsets = np.unique(np.concatenate([offsets, -offsets]))
     meshes = np.outer(drawn.meshes, np.arange(1, _MESH_HARMONICS + 1)).ravel()
     locked = np.sort(np.concatenate([own, (meshes[:, None] + offsets).ravel()]))
-    return _near(orders, locked, width, drawn.tolerance)
+    return distances(orders, locked) <= np.maximum(width, drawn.tolerance * orders)
 
 
 def on_mains(orders: Numbers, setting: Setting, width: float) -> NDArray[np.bool_]:

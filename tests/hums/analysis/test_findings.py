@@ -231,7 +231,7 @@ JUDGED = {
     "element that slips": ([*element(4.66), line("rolling_element", 5.06, 9.0, side=1)], {}, ELEMENT, "diagnosed",
         ""),
     "element faster than it rolls": ([*element(4.84), line("rolling_element", 5.24, 9.0, side=1)], {}, ELEMENT,
-        "indicated", "no element spins that fast"),
+        "not judged", "no element spins that fast"),
 }  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.signal import lfilter
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import (
@@ -15,6 +16,7 @@ from hums.analysis.result import (
     open_analysis,
     save_analysis,
     summary,
+    verdict_table,
 )
 from hums.analysis.settings import AnalysisError
 from hums.gearbox.defect_orders import BEARING_KINDS, defects
@@ -536,3 +538,47 @@ def test_a_line_off_the_sidebands_of_a_mesh_is_not_named_after_them():
     table = line_table(analyze(record, TWO_STAGE, settings=settings), "order_spectrum")
     sidebands = table[table["claimed"] & (table["component"] == "stage 1/pinion")]
     assert sidebands["order_found"].round(2).tolist() == [24.0]
+
+
+RACE, LATTICE = 3.573, {"elements": 9, "element_diameter_mm": 8.0, "pitch_diameter_mm": 39.0}
+
+
+def under_a_mesh(race, stranger, seed=5):
+    """Return the analysis of a bearing that rings at 2.5 kHz, where a mesh is five times as loud as the noise.
+
+    The load of the mesh wanders; `stranger` is the level of a source that is not drawn, which modulates at 7 kHz.
+    """
+    rate_hz, turn_hz, seconds = 20_000, 25.0, 12
+    rng, t = np.random.default_rng(seed), np.arange(12 * rate_hz) / rate_hz
+    angle = 2 * np.pi * turn_hz * t
+    load = 1 + 0.1 * np.cos(2 * np.pi * 0.3 * t) + 0.1 * np.cos(angle)
+    mesh = load * sum(np.cos(23 * k * angle + k) for k in range(1, 6))
+    strikes = np.zeros(t.size)
+    passes = np.cumsum(1 / RACE + 0.01 / RACE * rng.standard_normal(int(RACE * turn_hz * seconds) - 2)) / turn_hz
+    strikes[(passes * rate_hz).astype(int)] = 1.0
+    ringing = lfilter([1], [1, -2 * 0.97 * np.cos(2 * np.pi * 2500 / rate_hz), 0.97**2], strikes)
+    noise = rng.standard_normal(t.size)
+    beat = (1 + np.cos(5.31 * angle) + 0.5 * np.cos(2 * 5.31 * angle)) * np.cos(2 * np.pi * 7000.3 * t)
+    x = noise + 5 * mesh + race * ringing / ringing.std() + stranger * beat
+    table = {"name": "a mesh and a bearing", "frame": "housing", "reference": "in"}
+    table |= {"axes": {name: ["housing", name] for name in ("in", "out")}, "mesh": [{"teeth": {"in": 23, "out": 57}}]}
+    table |= {"bearing": [{"names": ["b"], "inner_ring": "in", "outer_ring": "housing", **LATTICE}]}
+    pulses = PulseTimes(times_s=np.arange(0, seconds, 1 / turn_hz), shaft="in", pulses_per_rev=1)
+    record = make_record({"a": x}, rate_hz=rate_hz, units="g", angle=pulses)
+    return analyze(record, Gearbox.model_validate(table), settings=AnalysisSettings(pictures=False, most_tracks=0))
+
+
+def of_the_outer_race(analysis):
+    table = verdict_table(analysis)
+    return table[table.kind == "outer_race"].iloc[0]
+
+
+def test_a_bearing_that_rings_where_a_mesh_is_louder_is_named():
+    assert of_the_outer_race(under_a_mesh(1.0, 0.0)).verdict == "diagnosed"
+    sound = of_the_outer_race(under_a_mesh(0.0, 0.0))
+    assert sound.verdict == "nothing found"
+    assert "between 200 and 9800 Hz" in sound.evidence
+
+
+def test_a_stronger_source_in_another_band_does_not_hide_a_bearing():
+    assert of_the_outer_race(under_a_mesh(1.0, 2.0)).verdict == "diagnosed"
