@@ -20,7 +20,7 @@ from hums.report.verdict_strip import frequency_words, with_hz
 Floats = NDArray[np.floating[Any]]
 
 _COLUMNS, _FEWEST_COLUMNS = 6000, 700  # of the spectra of all channels together, 0.2 MB of the page; and of each
-_FULL_CHANNELS = 3  # whose maps, tracks and waveforms are drawn in full; more share the same space
+_FULL_CHANNELS = 2  # whose maps, tracks and waveforms are drawn in full; more share the same space
 _LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
 _SAMPLES_PER_TOOTH = 20
 
@@ -118,20 +118,19 @@ def _spectra(pictures: Pictures, name: str) -> Iterator[_Drawn]:
     what = "Order spectrum" if name == ORDER_SPECTRUM else "Envelope spectrum"
     for channel in _channels(dataset):
         one = dataset.sel(channel=channel)
-        lines = _lines(dataset, channel, pictures.styles)
-        claimed = [line for line in lines if line["claimed"]]
-        named = ", ".join(dict.fromkeys(line["label"] for line in claimed[:3])) or "none"
+        lines, searched = _lines(dataset, channel, pictures.styles)
+        named = ", ".join(dict.fromkeys(line["label"] for line in lines[:3])) or "none"
         traces = {"now": _curve(one, dataset.sizes["channel"])}
         if (past := _past_spectrum(pictures, name, channel, str(one["units"].item()))) is not None:
             traces["past"] = _curve(past, dataset.sizes["channel"])
-        shown = {"lines": lines, "units": str(one["units"].item()), "log": name == ORDER_SPECTRUM}
+        about = {"units": str(one["units"].item()), "log": name == ORDER_SPECTRUM, "pastName": pictures.past_name}
         width = float(dataset.attrs["resolution_orders"])
         resolution = f"{dataset.attrs['window'].capitalize()} window, resolution {_orders(pictures, width)}."
         band = _band_caption(bands[channel]) if name == ENVELOPE and channel in bands else ""
         yield _Drawn(
             channel=channel,
-            alt=f"{what} of channel {channel}; identified lines: {len(claimed)}, the first of them {named}.",
-            data=traces | shown | {"pastName": pictures.past_name},
+            alt=f"{what} of channel {channel}; identified lines: {len(lines)}, the first of them {named}.",
+            data=traces | about | {"lines": lines, "searched": packed(searched)},
             caption=f"{band}{resolution}",
         )
 
@@ -173,25 +172,23 @@ def _past_spectrum(pictures: Pictures, name: str, channel: str, units: str) -> x
     return one if one["units"].item() == units else None
 
 
-def _lines(dataset: xr.Dataset, channel: str, styles: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the lines of one channel: identified ones first, those of faulty components ahead, then by amplitude."""
+def _lines(dataset: xr.Dataset, channel: str, styles: Mapping[str, str]) -> tuple[list[dict[str, Any]], Floats]:
+    """Return the identified lines of one channel, those of faulty components first, and the orders of the others."""
     table = dataset[[name for name in dataset.data_vars if dataset[name].dims == ("line",)]].to_dataframe()
-    mine = table[(table["line_channel"] == channel) & ((table["sideband"] == 0) | (table["claimed"] == 1))]
+    mine = table[table["line_channel"] == channel]
     rows = [
         {
             "label": line_label(row),
-            "order": float(row["order_found"] if row["claimed"] else row["line_order"]),
+            "order": float(row["order_found"]),
             "nominal": float(row["line_order"]),
             "amplitude": float(row["line_amplitude"]),
             "snr": float(row["snr"]),
-            "claimed": bool(row["claimed"]),
-            "style": styles.get(row["component"], "") if row["claimed"] else "",
+            "style": styles.get(row["component"], ""),
         }
-        for row in mine.to_dict("records")
+        for row in mine[mine["claimed"] == 1].to_dict("records")
     ]
-    return sorted(
-        rows, key=lambda row: (not row["claimed"], row["style"] != "alarm", not row["style"], -row["amplitude"])
-    )
+    searched = mine[(mine["sideband"] == 0) & (mine["claimed"] == 0)]["line_order"].to_numpy()
+    return sorted(rows, key=lambda row: (row["style"] != "alarm", not row["style"], -row["amplitude"])), searched
 
 
 def _orders(pictures: Pictures, width: float) -> str:

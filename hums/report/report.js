@@ -41,7 +41,6 @@ const report = (() => {
     const zoomed = drawn && drawn.xaxis && figure.state.unit === unit().name ? drawn.xaxis.range : [0, last * factor];
     const width = Math.max(200, figure.width - 90), taken = [], said = [];
     for (const line of data.lines) {
-      if (!line.claimed) continue;
       const at = (line.order * factor - zoomed[0]) / (zoomed[1] - zoomed[0]) * width;
       if (at < 0 || at > width || taken.some((other) => Math.abs(other - at) < LABEL_PX)) continue;
       taken.push(at);
@@ -127,18 +126,17 @@ const report = (() => {
       hovertemplate: `%{customdata[0]}<br>order %{customdata[3]:.5g} (nominal %{customdata[1]:.5g})` +
         (mean ? `, %{customdata[4]:.5g} Hz, %{customdata[5]:.5g} CPM` : "") + `<br>%{y:.4g}, ` +
         `%{customdata[2]:.3g} times its background<extra></extra>`});
-    const claimed = data.lines.filter((line) => line.claimed);
-    group("identified lines", "--ink", claimed.filter((line) => !line.style));
+    group("identified lines", "--ink", data.lines.filter((line) => !line.style));
     for (const style of ["unknown", "watch", "alarm"]) {
       group({alarm: "diagnosed components", watch: "indicated components", unknown: "components not judged"}[style],
-            `--${style}`, claimed.filter((line) => line.style === style));
+            `--${style}`, data.lines.filter((line) => line.style === style));
     }
     const sorted = Float32Array.from(scaled(now.y, shown.factor)).sort(), top = sorted[sorted.length - 1];
     const low = Math.max(sorted[Math.floor(sorted.length / 2)] / 3, top * 1e-7) || 1e-9;
     const range = {log: [Math.log10(low), Math.log10(1.3 * top || 1)], linear: [0, 1.08 * top || 1],
                    dB: [20 * Math.log10(low), 20 * Math.log10(1.3 * top || 1)]}[scale];
-    const looked = data.lines.filter((line) => !line.claimed).map((line) => ({type: "line", name: "searched",
-      x0: line.order * factor, x1: line.order * factor, yref: "paper", y0: 0, y1: 0.02, line: {color: "--faint", width: 1}}));
+    const looked = Array.from(data.searched, (order) => ({type: "line", name: "searched",
+      x0: order * factor, x1: order * factor, yref: "paper", y0: 0, y1: 0.02, line: {color: "--faint", width: 1}}));
     const annotations = labels(data, figure, factor, last);
     const band = Math.min(250, 36 + 6.2 * Math.max(0, ...annotations.map((label) => label.text.length)));
     figure.state.unit = name;
