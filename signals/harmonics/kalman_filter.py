@@ -104,7 +104,7 @@ def causal_filter(
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations(np.zeros(len(x)))
     gains = None if steady_error is None else SteadyGains.of(model)
     found = filter_on(model, x, state, innovations, output_every=output_every, startup=startup, steady=gains)
-    return innovations.estimate(*found, error_bound=steady_error or 0.0)
+    return innovations.estimate(*found, error_bound=steady_error or 0.0, std_spacing=output_every)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,7 +136,8 @@ def filter_on(
     """Continue the filter over further samples, (channel, sample), NaN where missing in all channels.
 
     Updates the state and the sums of innovations; returns (channel, order, output) amplitudes and (order, output)
-    variances, means over the quadratures. Outputs and `startup` are counted from the first sample of the record.
+    variances, means over the quadratures, but of the steady state at the end only the first. Outputs and `startup` are
+    counted from the first sample of the record.
     Given steady-state gains, they take over from the covariance filter once it has settled, until a sample is missing.
     Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
     longer positive definite, FloatingPointError is raised.
@@ -148,7 +149,7 @@ def filter_on(
     process = _paired(model, model.process_noise(slice(0, 1)))
     missing = np.append(np.flatnonzero(np.isnan(x[0])), samples)
     work, rows = np.empty((5, max(PIECE, model.poles * width))), np.empty((PIECE, width))
-    begin = 0
+    begin, known = 0, 0
     while begin < samples:
         gap = int(missing[np.searchsorted(missing, begin)])
         settled = steady is not None and state.observed >= steady.settling and gap > begin
@@ -164,7 +165,6 @@ def filter_on(
         if steady is not None and settled:
             mean = state.mean.reshape(channels, model.poles, width)
             filter_steadily(*given, steady.gains, mean, *outputs, work, rows, normalised, levels[done:])
-            variances[due] = steady.variances
             normalised /= sqrt(steady.innovation_variance)
         else:
             q = process if model.bandwidth.shape[1] == 1 else _paired(model, model.process_noise(span))
@@ -173,6 +173,9 @@ def filter_on(
                 *given, q, *own, outputs, *found, variances[done:], state.factor, state.diffuse, work, rows
             )
             variances[due, orders == 0] *= 2  # the mean has one quadrature
+            if steady is not None:
+                variances[known : due.start] = steady.variances
+            known = due.stop
             if not variances[due].min(initial=np.inf) > 0:
                 raise lost(model, "exact")
         innovations.add(normalised.T, ~np.isnan(x[0, span]), skip=startup - state.count)
@@ -180,4 +183,7 @@ def filter_on(
         state.count, state.observed, begin = state.count + end - begin, end - 1 - last, end
         if not settled and state.count % interval == 0:
             state.check(model)
+    if steady is not None and known < places.size:
+        variances = variances[: known + 1]
+        variances[known] = steady.variances
     return levels.view(np.complex128).transpose(1, 2, 0), variances.T

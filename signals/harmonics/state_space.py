@@ -143,8 +143,8 @@ class Estimate:
     innovation_samples: int  # number of innovations in it
     # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0
-    # Samples between the nodes where `variance` is that of nodes, the last one after the last sample: standard
-    # deviations are linear in between. None where it is that of outputs.
+    # Samples between the nodes where `variance` is that of nodes: standard deviations are linear in between, and
+    # constant after the last one. None where it is that of outputs.
     std_spacing: int | None = None
 
     def of_orders(self, orders: int) -> "Estimate":

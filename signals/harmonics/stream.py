@@ -168,6 +168,7 @@ class OrderTracker:
             bandwidth_units=self._width.units, bandwidth_cycles=self._width.cycles[:, 0], poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,
+            std_spacing=self._every if variance.shape[1] < outputs.size else None,
             first_output=self._every * (-(-now.state.count // self._every) - outputs.size),
         )  # fmt: skip
 

@@ -176,9 +176,7 @@ def track_orders(
         _tracked(task, chosen, record[rows], orders=model.orders.size, name="x" if one else f"x[{rows.start}]")
         for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
     ]
-    found = {
-        name: parts[0][1][name] if alike else np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]
-    }
+    found = {name: parts[0][1][name] if alike else _joined([own[name] for _, own in parts]) for name in parts[0][1]}
     return OrderTracks(
         std_spacing=parts[0][0].std_spacing,
         angle_std=None if phase_std is None else model.orders[:, None] * phase_std[:, ::phase_every],
@@ -188,6 +186,13 @@ def track_orders(
         error_bound=max(estimate.error_bound for estimate, _ in parts),
         **{name: squeeze(value, one) for name, value in found.items()},
     )  # fmt: skip
+
+
+def _joined(channels: list[Any]) -> Any:  # noqa: ANN401
+    """Return fields of several channels as one; variances that are constant from some output on may be shorter."""
+    longest = max(values.shape[-1] for values in channels)
+    ends = [[(0, 0)] * (values.ndim - 1) + [(0, longest - values.shape[-1])] for values in channels]
+    return np.concatenate([np.pad(values, end, mode="edge") for values, end in zip(channels, ends, strict=True)])
 
 
 def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: str) -> tuple[Estimate, dict[str, Any]]:

@@ -49,7 +49,7 @@ class OrderTracks:
         ([channel,] order, output) array, Z.
     settling_variance
         ([channel,] order, settling) array, mean variance of the real and imaginary part of Z for R = 1: at every
-        output, or at nodes `std_spacing` samples apart.
+        output, or at nodes `std_spacing` samples apart, constant after the last one.
     std_spacing
         Samples between these nodes; None if `settling_variance` is given at the outputs.
     angle_std : (order, output or 1) array
@@ -140,7 +140,8 @@ class OrderTracks:
         """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part."""
         std: Floats = np.sqrt(self.settling_variance)
         if self.std_spacing is not None:
-            std = _interpolated(std, self.std_spacing * np.arange(std.shape[-1]), self.sample_index)
+            places = self.first_output + self.std_spacing * np.arange(std.shape[-1])
+            std = _interpolated(std, places, self.sample_index)
         std = std * np.sqrt(self._at_outputs(self.noise_density))
         if self.angle_std is not None:
             np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
