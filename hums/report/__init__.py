@@ -265,12 +265,12 @@ def _mechanism(analysis: Analysis, facts: Mapping[str, Any], styles: Mapping[str
 
 
 def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the strongest line of each component, kind and channel."""
-    best: dict[tuple[str, str, str], dict[str, Any]] = {}
+    """Return the strongest line of each component and kind, in the channel that shows it best."""
+    best: dict[tuple[str, str], dict[str, Any]] = {}
     rows = [row | {"spectrum": "order"} for row in facts["orders"]]
     rows += [row | {"spectrum": "envelope"} for row in facts["envelope"] if row["kind"] in BEARING_KINDS]
     for row in rows:
-        key = (row["component"], row["kind"], row["channel"])
+        key = (row["component"], row["kind"])
         if key not in best or _rank(row) > _rank(best[key]):
             best[key] = row
     return list(best.values())

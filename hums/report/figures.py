@@ -19,10 +19,11 @@ from hums.report.verdict_strip import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
 
-_COLUMNS, _FEWEST_COLUMNS = 6000, 700  # of the spectra of all channels together, 0.2 MB of the page; and of each
+_COLUMNS, _FEWEST_COLUMNS = 4200, 700  # of the spectra of all channels together, 0.1 MB of the page; and of each
 _FULL_CHANNELS = 2  # whose maps, tracks and waveforms are drawn in full; more share the same space
 _LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
 _SAMPLES_PER_TOOTH = 20
+_OF_LINES = {"order": "order_found", "nominal": "line_order", "amplitude": "line_amplitude", "snr": "snr"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,11 +180,8 @@ def _lines(dataset: xr.Dataset, channel: str, styles: Mapping[str, str]) -> tupl
     rows = [
         {
             "label": line_label(row),
-            "order": float(row["order_found"]),
-            "nominal": float(row["line_order"]),
-            "amplitude": float(row["line_amplitude"]),
-            "snr": float(row["snr"]),
             "style": styles.get(row["component"], ""),
+            **{name: float(f"{row[column]:.7g}") for name, column in _OF_LINES.items()},
         }
         for row in mine[mine["claimed"] == 1].to_dict("records")
     ]
@@ -276,9 +274,9 @@ def _tracks(pictures: Pictures, name: str) -> Iterator[_Drawn]:
         rows = [
             {
                 "name": f"{labels[at]}, {_order(pictures, float(mine['track_order'][place]))}",
-                "real": packed(amplitude[place].real),
-                "imag": packed(amplitude[place].imag),
-                "halfWidth": packed(half_width[place]),
+                "real": packed_codes(amplitude[place].real, digits="u2"),
+                "imag": packed_codes(amplitude[place].imag, digits="u2"),
+                "halfWidth": packed_codes(half_width[place], digits="u2"),
                 "colour": colours[labels[at]],
             }
             for place, at in enumerate(own[channel])
