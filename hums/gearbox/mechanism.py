@@ -316,12 +316,12 @@ def undeclared_parts(gearbox: Gearbox) -> list[str]:
     ['No bearing is declared on output: damage to its bearings was not assessed.']
     """
     mechanism = build_mechanism(gearbox)
-    borne = {
-        mechanism.bodies[name]
-        for bearing in gearbox.bearings
-        for ring in (bearing.inner_ring, bearing.outer_ring)
-        for name in gearbox.instances(ring)
-    }
+    borne = set()
+    for bearing in gearbox.bearings:  # a planet bearing bears the planet, not the carrier
+        bodies = {mechanism.bodies[name] for name in gearbox.ring_links(bearing)}
+        for body in bodies & mechanism.joints.keys():
+            if any(mechanism.joints[body].axis in mechanism.axes_of[other] for other in bodies - {body}):
+                borne.add(body)
     bare = list(dict.fromkeys(gearbox.copy_links.get(body, body) for body in mechanism.joints if body not in borne))
     said = []
     if bare:

@@ -16,6 +16,14 @@ def box(*on, links=("housing", "input"), rigid=()):
     return Gearbox.from_mapping(table | ({"rigid": [list(rigid)]} if rigid else {}))
 
 
+def stage_on_planet_bearings():
+    axes = {"main": ["housing", "sun", "ring", "carrier"], "planet": {"links": ["carrier", "planet"], "copies": 3}}
+    bearing = BEARING | {"names": ["planet bearing"], "inner_ring": "carrier", "outer_ring": "planet"}
+    teeth = [{"teeth": {"sun": 24, "planet": 30}}, {"teeth": {"planet": 30, "ring": -84}}]
+    table = {"name": "stage", "frame": "housing", "rigid": [["housing", "ring"]], "bearing": [bearing], "mesh": teeth}
+    return Gearbox.from_mapping(table | {"axes": axes})
+
+
 @pytest.mark.parametrize(
     ("gearbox", "named"),
     [
@@ -24,6 +32,8 @@ def box(*on, links=("housing", "input"), rigid=()):
         (box("pinion", links=("housing", "input"), rigid=("input", "pinion")), []),  # one body by two names
         (load_gearbox("two-stage"), ["output"]),
         (load_gearbox("planetary-27-36-99"), ["sun", "planet"]),  # all three planets by their one name
+        (load_gearbox("wind-turbine-3-stage"), ["sun"]),  # which floats; bearings hold the carrier and its planets
+        (stage_on_planet_bearings(), ["sun", "carrier"]),
     ],
 )
 def test_bodies_without_a_bearing(gearbox, named):
