@@ -19,9 +19,8 @@ import numpy as np
 
 from signals.harmonics.block_grid import Grid, at_outputs, pieces_between
 from signals.harmonics.coupling import Joint, Smoothed, couple, smooth_apart, smooth_jointly
-from signals.harmonics.innovations import Innovations
 from signals.harmonics.separability import Closeness
-from signals.harmonics.state_space import Estimate, Flags, Floats, HarmonicModel
+from signals.harmonics.state_space import Estimate, Flags, Floats, HarmonicModel, Innovations
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the

@@ -18,8 +18,7 @@ import numpy as np
 
 from signals.harmonics._filter_kernels import PIECE, filter_covariance, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.innovations import Innovations
-from signals.harmonics.state_space import Complexes, Estimate, Floats, HarmonicModel, lost
+from signals.harmonics.state_space import Complexes, Estimate, Floats, HarmonicModel, Innovations, lost
 
 # Samples filtered at a time.
 SAMPLES_AT_ONCE = 1 << 14

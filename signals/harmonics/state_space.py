@@ -9,7 +9,7 @@ part of it. `bandwidth` gives q. All but the scale of the covariance depends on 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +150,32 @@ class Estimate:
     def of_orders(self, orders: int) -> "Estimate":
         """Return the estimates of the first orders alone."""
         return replace(self, amplitude=self.amplitude[:, :orders], variance=self.variance[:orders])
+
+
+@dataclass
+class Innovations:
+    """Sums over normalised innovations, those over their standard deviations."""
+
+    square: Floats  # (channel,), of their squares
+    count: int = 0
+
+    @property
+    def mean_square(self) -> Floats:
+        """(channel,) array, mean square of the normalised innovations."""
+        return self.square / max(self.count, 1)
+
+    def estimate(self, amplitude: Complexes, variance: Floats, **more: Any) -> Estimate:  # noqa: ANN401
+        """Return an estimate with these statistics."""
+        return Estimate(
+            amplitude=amplitude, variance=variance, innovation_mean_square=self.mean_square,
+            innovation_samples=self.count, **more,
+        )  # fmt: skip
+
+    def add(self, innovations: Floats, seen: Flags, *, skip: int = 0) -> None:
+        """Add (channel, sample) normalised innovations, 0 where not `seen`, (sample,), but for the first `skip`."""
+        later = innovations[:, max(skip, 0) :]
+        self.square += np.einsum("cn,cn->c", later, later)
+        self.count += int(np.count_nonzero(seen[max(skip, 0) :]))
 
 
 def lost(model: HarmonicModel, method: Method) -> FloatingPointError:

@@ -13,10 +13,10 @@ import numpy as np
 
 from signals._validation import choice, whole
 from signals.harmonics import _arguments
-from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.separability import Closeness, FlagArray, flag_gaps, output_range
-from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze
+from signals.harmonics.state_space import Innovations
+from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze, statistics
 from signals.harmonics.tracking_results import OrderTracks
 
 if TYPE_CHECKING:

@@ -13,10 +13,9 @@ from signals._validation import checked, choice, positive, real_array, whole
 from signals.harmonics import _arguments
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_smoother import block_length, exact, exact_length, fast, scattered_share
-from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.noise_density import noise_density
-from signals.harmonics.separability import Closeness, flag_outputs
+from signals.harmonics.separability import Closeness, FlagArray, flag_outputs
 from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, lost
 from signals.harmonics.tracking_results import OrderTracks
 
@@ -208,6 +207,39 @@ def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: 
         density = noise_density(record, seen, task.model, *white)
         found["noise_density"], found["noise_freedom"] = (values[:, :orders] for values in density)
     return estimate, found
+
+
+def statistics(record: Floats, estimate: Estimate, flags: FlagArray, given: float | None) -> dict[str, Any]:
+    """Return the (channel, ...) fields of `OrderTracks`; all channels share variances and flags, (order, output).
+
+    `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
+    """
+    channels, count, mean_square = len(record), estimate.innovation_samples, estimate.innovation_mean_square
+    none = 0.0 if count else np.nan
+    noise = mean_square.astype(np.float64) if given is None else np.full(channels, float(given))
+    if given is None:
+        _check_not_faint(record, noise)
+    return {
+        "complex_amplitude": estimate.amplitude,
+        "settling_variance": np.broadcast_to(estimate.variance, (channels, *estimate.variance.shape)),
+        "flags": np.broadcast_to(flags, (channels, *flags.shape)),
+        "noise_variance": noise,
+        "noise_density": np.broadcast_to(noise[:, None, None], (channels, estimate.amplitude.shape[-2], 1)),
+        "noise_freedom": np.full((channels, 1, 1), np.inf),
+        "innovation_mean_square": np.ones(channels) if given is None else mean_square / noise + none,
+    }
+
+
+def _check_not_faint(record: Floats, noise: Floats) -> None:
+    """Refuse a record so small that the squares of its samples underflow."""
+    for channel in np.flatnonzero(noise < _arguments.SMALLEST**2):
+        values = record[channel]
+        largest = max(np.fmax.reduce(values), -np.fmin.reduce(values))
+        if 0 < largest < _arguments.SMALLEST:
+            raise ValueError(
+                f"x reaches no more than {largest:.3g} in channel {channel}, whose square is too small to estimate "
+                "the noise from; scale the record to another unit."
+            )
 
 
 def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: Any) -> OrderTracks:  # noqa: ANN401
