@@ -24,7 +24,7 @@ from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
 SEGMENT, _SWEEP = 16.0, 1.0
 _SIGNAL = 0.25  # largest density of walking amplitudes over that of the noise
 _SHORTEST = 64  # samples of a segment
-_OVERLAPPING, _MOST_SEGMENTS = 4, 32  # segments, fewer of which overlap by half, and the most, evenly spread
+_MOST_SEGMENTS = 32  # evenly spread
 _LOBE = 4  # bins, half of the main lobe of the window
 _NEAR, _FAR, _SEARCHED = 12, 36, 64  # bins near an order on either side of it, those farther away, and all
 _INTERVALS = 8  # of the record, in which densities are found where each has so many bins, else one
@@ -66,7 +66,7 @@ def noise_density(
     """
     known = np.broadcast_to(white, (_INTERVALS, model.orders.size, white.size))
     left = np.full(known.shape, 2 / freedom)
-    starts, length = _segments(seen, model)
+    starts, length = _segments(seen, model, fewest=2 if curved else 4)
     if not starts.size:
         return known.transpose(2, 1, 0), 2 / left.transpose(2, 1, 0)
     window = _window(length)
@@ -133,8 +133,8 @@ def _shrunk(found: Floats, chance: Floats, towards: Floats, other: Floats) -> tu
     return mixed, part**2 * chance + (1 - part) ** 2 * other
 
 
-def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
-    """Return the starts of segments without missing samples, and their length."""
+def _segments(seen: Flags, model: HarmonicModel, *, fewest: int) -> tuple[Indices, int]:
+    """Return the starts of segments without missing samples, `fewest` in a long record, and their length."""
     from scipy.fft import next_fast_len  # noqa: PLC0415 - slow to import
 
     if seen.size < _SHORTEST:
@@ -143,14 +143,13 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     rates = np.diff(_turns(model, edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
     steady = math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12))
-    longest = min(SEGMENT / model.bandwidth.max(), max(seen.size / 2, _SHORTEST), steady)
+    longest = min(SEGMENT / model.bandwidth.max(), max(seen.size / fewest, _SHORTEST), steady)
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
     length = next(n for n in range(max(int(longest), 1), 0, -1) if next_fast_len(n) == n)
     while length >= _SHORTEST:
-        apart = seen.size // length
-        count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * seen.size // length - 1)
+        count = min(_MOST_SEGMENTS, round(seen.size / length))
         starts = np.linspace(0, seen.size - length, count).astype(int)
         whole = missing[starts + length] == missing[starts]
         if 2 * np.count_nonzero(whole) >= count:
