@@ -53,7 +53,7 @@ ROWS = [
     (0, f"convert raw/a.csv raw/b.csv -o out {READ}"),
     (0, f"analyze record.h5 {BOX}"), (1, f"analyze damaged.h5 {BOX}"), (2, f"analyze record.h5 {BOX} --units m"),
     (2, f"analyze record.h5 {BOX} --false-alarm-probability 2"),
-    (0, "report analysis.h5 -o out"), (1, "report record.h5 -o out"), (2, "report analysis.h5"),
+    (0, "report analysis.h5 -o out"), (1, "report record.h5 -o out"), (2, "report analysis.h5 --units m"),
     (0, f"fleet record.h5 {BOX}"), (1, f"fleet damaged.h5 {BOX}"), (2, f"fleet record.h5 {BOX} --baseline-records 0"),
     (3, f"fleet record.h5 damaged.h5 {BOX}"),
     (1, "demo -o record.h5"), (2, "demo --seed none"),
