@@ -1,9 +1,9 @@
 """Coupled orders: each is smoothed alone first, then those that leak into one another jointly.
 
-In the middle of a record, the leakage of other orders follows from the smoother's gain. Near the ends and gaps it is
-larger, that of the causal filter under a whole triangular weight; an incomplete weight suppresses hardly anything. So
-there more orders are smoothed jointly, and the waveforms of the others, as estimated first, are subtracted from the
-samples under incomplete weights. Where amplitudes are far above `std`, they are subtracted from all samples.
+Inside a record, the leakage of other orders follows from the smoother's gain, and orders are smoothed jointly in the
+parts in which they come close. Near the ends and gaps it is larger, that of the causal filter under a whole triangular
+weight; an incomplete weight suppresses hardly anything. So there more orders are smoothed jointly, and the waveforms of
+the others, as estimated first, are subtracted from the samples under incomplete weights.
 """
 
 from dataclasses import dataclass
@@ -150,7 +150,7 @@ def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats | None
 MEMORIES = 6.0
 # A round leaves of what it moved the share that an incomplete weight lets through of a line a turn or more a block off.
 LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
-# Parts of the record, at most, in which it is looked for orders that leak into one another.
+# Largest number of parts of the record that are searched for orders that leak into one another.
 MOST_PARTS = 32
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
@@ -191,7 +191,10 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
 
 
 def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float]:
-    """Return the orders of (order,) amplitudes that leak into one another inside the record, and what leaks beside."""
+    """Return the orders that leak into one another inside the record, and the largest leakage between all others.
+
+    `size` are their (order,) amplitudes.
+    """
     gain, least = Bandwidth.smoother_gain, 1 / grid.samples
     received = closeness.received(gain, size, least=least)
     groups = coupled(received, size, grid.tolerance)
@@ -210,7 +213,7 @@ def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint]
 
 
 def _near_ends(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float]:
-    """Return the same near ends, gaps and jumps of the speed."""
+    """Return the same near ends, gaps and jumps of a speed."""
 
     def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
         weight = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
