@@ -302,10 +302,12 @@ def _of_a_stronger_part(
     """Return which stronger part of another bearing explains a line, in whatever bands, or an empty string.
 
     A line may be a harmonic of one that is deeper, within noise. A cage carries a damaged element through the load
-    zone and, if sidebands confirm that, causes lines at multiples of its rate.
+    zone and, if sidebands confirm that, causes lines at multiples of its rate; the line of a cage may be deeper than
+    that of the element, since the load zone interrupts the impacts.
     """
     for other in parts:
-        if other.hidden_by or other.component == part.component or not other.strength > part.strength > 0:
+        least = 0.0 if (part.kind, other.kind) == ("cage", "rolling_element") else part.strength
+        if other.hidden_by or other.component == part.component or part.strength == 0 or other.strength <= least:
             continue
         near = MATCH_BINS * part.bin_width
         if other.kind == "rolling_element" and other.sidebands:

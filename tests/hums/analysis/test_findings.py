@@ -27,7 +27,8 @@ BEARING = BearingOrders(
     cage_to_outer=0.4,
     elements=9,
 )
-BEARINGS = {"b": BEARING, "c": replace(BEARING, name="c")}
+OTHER = replace(BEARING, name="d", inner_race=6.1, outer_race=3.9, rolling_element=5.2, cage=0.39, cage_to_outer=0.39)
+BEARINGS = {"b": BEARING, "c": replace(BEARING, name="c"), "d": OTHER}
 LIBRARY = HealthyMachines(records=9999, parts=9999, strengths=(0.005,))
 SETTING = Setting(shafts=(1.0,), speed_hz=17.0, speed_range_hz=1.0)
 
@@ -221,6 +222,9 @@ JUDGED = {
     "common in health": (inner(30, sideband=9, level=750.0), {"library": shown_by(9)}, INNER, "nothing found", ""),
     "cage": (cage(), {}, CAGE, "indicated", "damage to a rolling element also produces this line"),
     "cage of an outer race": ([*outer(14), line("cage", 0.4, 9.0)], {}, OUTER, "diagnosed", ""),
+    "cage that carries another bearing's element": ([*element(snr=10), line("rolling_element", 4.35, 8.0, side=-1),
+        line("cage", 0.402, 17.0, of="d", order=0.39), line("cage", 0.804, 12.0, of="d", order=0.78, k=2)], {},
+        ("d", "cage"), "not judged", "1 times the rate at which a cage carries b rolling element"),
     "nearer of two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.66)], {}, ("c", "outer_race"),
         "diagnosed", ""),
     "between two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.612)], {}, ("c", "outer_race"),
