@@ -5,7 +5,6 @@ first three periodic integrals of the function minus its mean, so that its momen
 jumps or cycles, take two look-ups.
 """
 
-import weakref
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
@@ -96,25 +95,10 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
 
 
 Table: TypeAlias = tuple[Array, Array, Integers, Integers, NDArray[np.bool_], Array, float]
-_TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ...], Table]] = {}
-"""Tables by the identity of the function, kept as long as it lives: a trial and the run after it share them."""
 
 
 def _table(function: Wave, *, integrals: bool) -> Table:
     """Return starts, densities, first cells, cell counts and jumps of the segments, rows of the cells, and the mean."""
-    key, where = id(function.value), (function.period, function.jumps, function.misfit, integrals)
-    known = _TABLES.get(key)
-    if known is not None and known[0]() is function.value and known[1] == where:
-        return known[2]
-    table = _tabulated_alone(function, integrals=integrals)
-    try:
-        _TABLES[key] = weakref.ref(function.value, lambda _: _TABLES.pop(key, None)), where, table
-    except TypeError:  # a function without weak references
-        _TABLES.pop(key, None)
-    return table
-
-
-def _tabulated_alone(function: Wave, *, integrals: bool) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
     # phases are rounded, and a value may change by its whole range over the shortest segment
     rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))

@@ -42,6 +42,7 @@ _LITTLE, _SLOW = 0.01, 0.3
 """Largest relative change of speed between two instants, since a line crosses a mode within a change equal to the
 damping ratio; and the fraction of the top speed below which the change is relative to that, since slow speeds have weak
 lines."""
+_FEWEST, _RAMP_KNOTS = 21, 2  # instants of a ramp, at least, and knots of its history
 
 # ---- Prepared --------------------------------------------------------------------------------------------------------
 
@@ -113,7 +114,7 @@ class PreparedScene:
         if not family_amplitudes:
             return
         times_s = np.arange(first, first + signal.shape[1]) / self.scene.rate_hz
-        if self.instants_s.size == self.scene.truth_times:
+        if self.scene.fidelity == "kinematic":  # instants are uniform
             position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
         else:
             position = np.interp(times_s, self.instants_s, np.arange(self.instants_s.size))
@@ -232,14 +233,23 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
 def _instants(scene: Scene, drive: Drive) -> Array:
     """Return the instants of the truth in s, between which amplitudes are linear.
 
-    They are uniform, 20 per second. If gears vibrate there are more: two at a jump of speed or torque, one at a corner,
-    and enough for the speed to change little between them.
+    They are uniform, 20 per second. In gear dynamics, constant conditions need both ends only, and ramps 21 instants,
+    which leaves room for more lines; others are added: two at a jump of speed or torque, one at a corner, and enough
+    for the speed to change little between them.
     """
     instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
     if scene.fidelity == "kinematic":
         return instants_s
-    for history in (scene.speed, scene.torque):
-        if history is not None and len(history.knots) > 1:
+    histories = [history for history in (scene.speed, scene.torque) if history is not None]
+    varies = any(len({value for _, value in history.knots}) > 1 for history in histories)
+    grows = any(fault.growth is not None for fault in scene.faults)
+    # growth changes no instants of a ramp, so that lines without the fault are the same
+    if not (scene.imperfections or scene.speed.run_up or (grows and not varies)) and all(
+        len(history.knots) <= _RAMP_KNOTS and not history.turbulence for history in histories
+    ):
+        instants_s = np.linspace(0.0, scene.duration_s, min(scene.truth_times, _FEWEST) if varies else 2)
+    for history in histories:
+        if len(history.knots) > 1:
             times, values = np.array(history.knots).T
             within, bound = (times > 0) & (times < scene.duration_s), _CORNER * np.max(np.abs(values))
             between = np.interp(times, instants_s, PiecewiseLinear(times_s=times, values=values).at(instants_s))

@@ -23,7 +23,7 @@ from data_synth.scene.scene import Scene
 from data_synth.sources.families import mesh_name
 from data_synth.sources.impact_responses import BELOW_NYQUIST
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.order_projection import FEWEST, projection
+from data_synth.vibration.order_projection import projection
 
 # ---- Orders at which gears may have lines ------------------------------------------------------------------------
 
@@ -124,13 +124,9 @@ def _turn_orders(scene: Scene) -> dict[str, Fraction]:
 
 
 _STEADY = 1e-12  # of the speed: variation due to rounding
-_SPEED, _TORQUE = 0.01, 0.05
-"""By how much the speed and the torque change in an interval of the splines, relative to themselves and to the largest
-torque, where it is shortest: a mode of damping 0.01 is passed in two."""
 _FEWEST_TURNS = 16  # that determine the lines of a steady motion, if its period is shorter
 _COMPARED = 4096  # equidistant samples with which the lines are compared
 _SLOW = 0.3  # of the top speed: lines of lower speeds are weak
-_FINEST = 4  # spline intervals per revolution, at most
 
 
 class Line(NamedTuple):
@@ -165,7 +161,7 @@ class GearLines:
 def gear_lines(prepared: PreparedScene, signal: Array, *, sound: Array | None = None) -> GearLines:
     """Return the significant lines of gear dynamics in the channels at the instants of the truth.
 
-    At constant speed, torque and damage Z is constant, otherwise a spline of the angle.
+    At constant speed, torque and damage Z is constant, otherwise linear between instants.
 
     Parameters
     ----------
@@ -228,7 +224,7 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
         candidates.orders,
         at_rev=sign * angle.revolutions(prepared.instants_s),
         top_order=known,
-        intervals=0 if steady else _intervals(prepared),
+        steady=steady,
         most=most,
     )
     orders = candidates.orders[found.chosen]
@@ -239,8 +235,9 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
         for component, kind in [candidates.sources[place]]
     )
     left = _left(prepared, signal, revolutions, orders, amplitudes)
+    full = ", as many as the size of the samples admits" if len(lines) == most else ""
     about = (
-        f"{len(lines)} lines, fitted together in intervals of {found.interval_rev:.3g} rev; those nearer than "
+        f"{len(lines)} lines{full}, fitted together in intervals of {found.interval_rev:.3g} rev; those nearer than "
         f"{1 / found.interval_rev:.2g} orders are not told apart; they leave "
         f"{100 * np.max(left, initial=0.0):.2g} % of the power"
     )
@@ -262,14 +259,3 @@ def _left(prepared: PreparedScene, signal: Array, revolutions: Array, orders: Ar
     compared = signal[:, samples] - np.mean(signal, axis=1, keepdims=True)
     whole, left = np.sum(compared**2, axis=1), np.sum((compared - found) ** 2, axis=1)
     return np.asarray(np.divide(left, whole, out=np.zeros_like(whole), where=whole > 0))
-
-
-def _intervals(prepared: PreparedScene) -> int:
-    """Return the number of intervals in which speed and torque change little, at most one to a revolution."""
-    speed_hz = np.abs(prepared.speed_hz)
-    changes = np.sum(np.abs(np.diff(np.log(np.maximum(speed_hz, _SLOW * np.max(speed_hz)))))) / _SPEED
-    if prepared.drive.torque is not None:
-        torque_nm = prepared.drive.torque.at(prepared.instants_s)
-        changes += np.sum(np.abs(np.diff(torque_nm))) / max(np.max(np.abs(torque_nm)), np.finfo(float).tiny) / _TORQUE
-    turns = _FINEST * np.ptp(prepared.drive.angle.revolutions(prepared.instants_s[[0, -1]]))
-    return max(FEWEST, math.ceil(min(float(changes), float(turns))))

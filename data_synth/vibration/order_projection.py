@@ -13,7 +13,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,13 +25,20 @@ from data_synth.operation.shaft_angle import Array
 _FINER = 1.5  # cells of the grid to a sample at the Nyquist rate of the highest order
 _SPREAD = 7  # cells of the kernel: its aliases are below 1e-5
 _BETA = 2.0 * _SPREAD
-_DEGREE, FEWEST = 3, 8  # of the splines, and intervals, at least
+_DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 8  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
 _RISE, _RISE_OF_CONSTANTS = 0.25, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
-_APART, _APART_OF_CONSTANTS = 1.0, 0.25
-"""Periods of an interval, and of a record, by which a line is apart from every louder one, and from order zero: nearer
-ones leave a signal of constant lines, but splines at as many orders would be more than there are samples."""
+_APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.5, 0.25
+"""Spacing of a line from every stronger one and from order zero, in cycles per mean interval, in a second attempt, and
+per record: closer lines of constant amplitude are resolved, but splines at as many orders would have more coefficients
+than there are samples."""
+_ENOUGH, _ENOUGH_NEARER = 1e-4, 2e-3
+"""Share of the power left that suffices: below the first, intervals are not shortened; below the second, no closer
+lines are added."""
+_UNKNOWNS = 0.65  # coefficients per sample, at most: with more, splines would fit any signal
 _LEFT_OUT = 1e-4  # of the power of all lines: total of the weakest
+_SHORTEST = 0.25  # of the mean interval: shorter ones need not be resolved by the transform of a line
+_REGULAR = 0.03  # of the mean diagonal of the Gram matrix, added to it: conditions the splines at both ends
 _STEPS, _SETTLED = 12, 1e-2  # conjugate gradients, at most, and the share of what is left that a last one takes away
 _LINES, _BLOCK = 512, 65536  # lines that are transformed at once, and samples
 
@@ -48,6 +55,8 @@ class Projection:
         Z, ``x = Re sum Z exp(2 pi j order angle)``.
     left : (channel,) array
         Share of the weighted power, uniform in angle, outside the lines.
+    intervals : int
+        Number of spline intervals; 0 for constant amplitudes.
     interval_rev : float
         Knot interval of the splines, or length of the record: lines closer than its inverse are not resolved.
     """
@@ -55,6 +64,7 @@ class Projection:
     chosen: NDArray[np.int_]
     amplitudes: ComplexArray
     left: Array
+    intervals: int
     interval_rev: float
 
 
@@ -65,12 +75,13 @@ def projection(
     *,
     at_rev: Array,
     top_order: float | Array,
-    intervals: int,
+    steady: bool,
     most: int | None = None,
 ) -> Projection:
     """Return the strongest lines of a signal at given orders, at most `most`, without negligible ones.
 
-    Shorter intervals of the splines resolve fewer lines; intervals are doubled as long as this reduces the residual.
+    Shorter intervals of the splines follow faster changes but resolve fewer lines; they are halved as long as this
+    reduces the residual, until it is negligible.
 
     Parameters
     ----------
@@ -80,43 +91,54 @@ def projection(
     orders : (k,) array
         Positive, increasing.
     at_rev : (instant,) array
-        Angles at which amplitudes are returned.
+        Increasing angles, from the first sample to the last, at which amplitudes are returned. Knots of the splines are
+        equidistant in the index of the instant, so that they are dense where instants are.
     top_order : float or (n,) array
         Highest order of the spectrum, lower where the shaft is faster; lines above it are zero.
-    intervals : int
-        Largest number of spline intervals; 0 for constant amplitudes.
+    steady : bool
+        Whether amplitudes are constant.
     """
-    spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape), intervals)
-    places = np.flatnonzero(orders < spectrum.top_order)
-    best = _fitted(spectrum, orders[places], intervals, at_rev, most)
-    while intervals >= 2 * FEWEST:
-        intervals //= 2
-        found = _fitted(spectrum, orders[places], intervals, at_rev, most)
-        if np.sum(found.left) > np.sum(best.left):
-            break
-        best = found
+    finest = 0 if steady else at_rev.size - 1
+    spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape), finest)
+    places, halvings = np.flatnonzero(orders < spectrum.top_order), (finest // _FEWEST or 1).bit_length() - 1
+    ladder = [finest >> number for number in range(halvings, -1, -1)]
+    fitted = partial(_fitted, spectrum, orders[places], at_rev=at_rev, most=most)
+    best = fitted(ladder[0], apart=_APART_OF_CONSTANTS if steady else _APART)
+    for apart, enough in () if steady else ((_APART, _ENOUGH), (_NEARER, _ENOUGH_NEARER)):
+        for intervals in ladder[ladder.index(best.intervals) + (apart == _APART) :]:
+            if np.max(best.left) < enough or 2 * best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
+                break
+            found = fitted(intervals, apart=apart)
+            if np.sum(found.left) > np.sum(best.left):
+                break
+            best = found
     from_zero = np.exp(-2j * np.pi * np.remainder(orders[places[best.chosen]] * revolutions[0], 1.0))
     return replace(best, chosen=places[best.chosen], amplitudes=best.amplitudes * from_zero[:, None])
 
 
-def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array, most: int | None) -> Projection:
-    """Return the lines as splines with a number of intervals, with phase zero at the first sample."""
+def _fitted(
+    spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None, apart: float
+) -> Projection:
+    """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
     interval_rev = spectrum.span_rev / max(intervals, 1)
-    apart = (_APART if intervals else _APART_OF_CONSTANTS) / interval_rev
-    some = _separate(orders, spectrum.power_about(orders, 1 / interval_rev), apart=apart)
-    lines = _Lines(spectrum=spectrum, orders=orders[some], intervals=intervals)
+    some, gaps = _separate(orders, spectrum.power_about(orders, 1 / interval_rev), apart=apart / interval_rev)
+    knots_rev, least_rev = at_rev - spectrum.revolutions[0], _NEARER / gaps
+    lines = _Lines(
+        spectrum=spectrum, orders=orders[some], intervals=intervals, knots_rev=knots_rev, least_rev=least_rev
+    )
     coefficients = lines.fitted()
     loud = _loudest(lines.powers(coefficients), most=most)
     coefficients[:, np.setdiff1d(np.arange(some.size), loud)] = 0
     left = spectrum.transform - lines.transform(coefficients)
     explained = np.sum(np.abs(spectrum.transform) ** 2 - np.abs(left) ** 2, axis=1)
-    # amplitudes where the weight rises are those where it is one
-    ends_rev = spectrum.rise_rev if intervals else 0.0
+    # where the weight rises from zero, amplitudes are those where it is one
+    ends_rev = _RISE * spectrum.span_rev / intervals if intervals else 0.0
     splines = lines.splines(np.clip(at_rev - spectrum.revolutions[0], ends_rev, spectrum.span_rev - ends_rev))
     return Projection(
         chosen=some[loud],
         amplitudes=np.stack([(splines @ row[loud].T).T for row in coefficients]),
         left=1 - explained / np.maximum(spectrum.power, np.finfo(float).tiny),
+        intervals=intervals,
         interval_rev=interval_rev,
     )
 
@@ -234,46 +256,69 @@ class _Lines:
     spectrum: _Spectrum
     orders: Array
     intervals: int
+    knots_rev: Array
+    least_rev: Array
     _cached: dict[int, tuple[NDArray[np.complex64], NDArray[np.int64]]] = field(default_factory=dict, init=False)
 
-    def splines(self, angle_rev: Array) -> Any:  # noqa: ANN401 - sparse arrays have no type of their values
-        """Return the splines (n, spline) at angles from the first sample, a sparse array."""
-        from scipy.interpolate import BSpline  # noqa: PLC0415
-        from scipy.sparse import csr_array  # noqa: PLC0415
+    @property
+    def _even(self) -> Array:
+        """Positions of the instants in units of intervals."""
+        return np.linspace(0.0, self.intervals, self.knots_rev.size)
 
+    def splines(self, angle_rev: Array) -> Any:  # noqa: ANN401 - sparse arrays have no type of their values
+        """Return the splines (n, spline), linear between instants, at angles from the first sample, sparse."""
+        between = self.knots_rev.size - 1
         if not self.intervals:
-            return csr_array(np.ones((angle_rev.size, 1)))
-        knots = np.arange(-_DEGREE, self.intervals + _DEGREE + 1.0)
-        place = np.clip(angle_rev / self.spectrum.span_rev, 0.0, 1.0) * self.intervals
-        return csr_array(BSpline.design_matrix(place, knots, _DEGREE))
+            return _b_splines(np.zeros(angle_rev.size), 1, 0)
+        at_instants = _b_splines(self._even, self.intervals, 1 if self.intervals == between else _DEGREE)
+        return _b_splines(np.interp(angle_rev, self.knots_rev, np.arange(between + 1.0)), between, 1) @ at_instants
 
     @cached_property
     def _weighted(self) -> Any:  # noqa: ANN401
         """Splines times w at the equidistant angles, (bin, spline), sparse."""
         from scipy.fft import next_fast_len  # noqa: PLC0415
 
-        bins = int(next_fast_len(_BINS * (max(self.intervals, FEWEST) + _DEGREE)))
+        ends_rev = np.interp(np.arange(self.intervals + 1.0), self._even, self.knots_rev)
+        shortest = np.min(np.diff(ends_rev), initial=np.inf)
+        finest = min(self.spectrum.span_rev / shortest, self.intervals / _SHORTEST)
+        bins = int(next_fast_len(math.ceil(_BINS * (max(finest, _FEWEST) + _DEGREE))))
         angle_rev = np.arange(bins) * self.spectrum.period_rev / bins
         return self.splines(angle_rev).multiply(self.spectrum.weight(angle_rev)[:, None]).astype(np.float32).tocsr()
 
     @cached_property
-    def _factor(self) -> Any:  # noqa: ANN401
-        from scipy.sparse.linalg import splu  # noqa: PLC0415
+    def _factor(self) -> Array:
+        """Banded Cholesky factor of the Gram matrix of the splines."""
+        from scipy.linalg import cholesky_banded  # noqa: PLC0415
 
-        return splu((self._weighted.T @ self._weighted / self._weighted.shape[0]).astype(np.complex128).tocsc())
+        gram = (self._weighted.T @ self._weighted / self._weighted.shape[0]).astype(np.float64)
+        bands = np.zeros((min(_DEGREE, gram.shape[0] - 1) + 1, gram.shape[0]))
+        for number, band in enumerate(bands):
+            band[: band.size - number] = gram.diagonal(-number)
+        bands[0] += _REGULAR * np.mean(bands[0])
+        return np.asarray(cholesky_banded(bands, lower=True))
 
     @cached_property
     def _known(self) -> NDArray[np.bool_]:
-        """Whether a line is below the highest order around the centre of each spline, (line, spline)."""
-        middles = (np.arange(self._weighted.shape[1]) - (_DEGREE - 1) / 2) / max(self.intervals, 1)
-        at_rev = self.spectrum.revolutions[0] + self.spectrum.span_rev * middles
-        known = np.interp(at_rev, self.spectrum.revolutions, self.spectrum.known_orders)
-        return np.asarray(self.orders[:, None] <= known)
+        """Whether a line is determined around the centre of each spline, (line, spline).
+
+        It is not where it would alias, or where an interval is too short to resolve it from a stronger line.
+        """
+        middles = np.arange(self._weighted.shape[1]) - (self._weighted.shape[1] - 1 - self.intervals) / 2
+        at_rev = self.spectrum.revolutions[0] + np.interp(middles, self._even, self.knots_rev)
+        known = self.orders[:, None] <= np.interp(at_rev, self.spectrum.revolutions, self.spectrum.known_orders)
+        if self.intervals:
+            inside = np.clip(middles, 0.5, self.intervals - 0.5)
+            ends_rev = (np.interp(inside + half, self._even, self.knots_rev) for half in (-0.5, 0.5))
+            known &= self.least_rev[:, None] <= -np.subtract(*ends_rev)
+        return np.asarray(known)
 
     def _preconditioned(self, gradient: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return the coefficients as if lines were separate."""
-        rows = gradient.reshape(-1, gradient.shape[-1]).T.astype(np.complex128)
-        return np.asarray(self._factor.solve(rows).T.reshape(gradient.shape) * self._known, dtype=np.complex64)
+        """Return coefficients of lines that each stand alone."""
+        from scipy.linalg import cho_solve_banded  # noqa: PLC0415
+
+        rows = np.ascontiguousarray(gradient.reshape(-1, gradient.shape[-1]).T.astype(np.complex128))
+        solved = np.ascontiguousarray(cho_solve_banded((self._factor, True), rows.view(np.float64)))
+        return np.asarray(solved.view(np.complex128).T.reshape(gradient.shape) * self._known, dtype=np.complex64)
 
     def _blocks(self) -> Iterator[slice]:
         for start in range(0, self.orders.size, _LINES):
@@ -342,16 +387,26 @@ class _Lines:
         return found
 
 
-def _separate(orders: Array, powers: Array, *, apart: float) -> NDArray[np.int_]:
-    """Return the increasing indices of significant orders at least `apart` from zero and from each stronger one."""
-    kept, taken = [0.0], list[int]()
+def _b_splines(places: Array, intervals: int, degree: int) -> Any:  # noqa: ANN401
+    """Return B-splines (n, spline) of a degree with unit intervals from zero at some places, sparse."""
+    from scipy.interpolate import BSpline  # noqa: PLC0415
+    from scipy.sparse import csr_array  # noqa: PLC0415
+
+    return csr_array(BSpline.design_matrix(places, np.arange(-degree, intervals + degree + 1.0), degree))
+
+
+def _separate(orders: Array, powers: Array, *, apart: float) -> tuple[NDArray[np.int_], Array]:
+    """Return increasing indices of orders at least `apart` from stronger ones and from zero, and their distances."""
+    kept, taken = [0.0], dict[int, float]()
     for number in (loudest := _loudest(powers))[np.argsort(-powers[loudest], kind="stable")].tolist():
         order = float(orders[number])
         place = bisect_left(kept, order)
-        if order - kept[place - 1] >= apart and (place == len(kept) or kept[place] - order >= apart):
+        gap = min([order - kept[place - 1], *(above - order for above in kept[place : place + 1])])
+        if gap >= apart:
             kept.insert(place, order)
-            taken.append(number)
-    return np.array(sorted(taken), dtype=np.int64)
+            taken[number] = gap
+    rising = sorted(taken)
+    return np.array(rising, dtype=np.int64), np.array([taken[number] for number in rising])
 
 
 def _loudest(powers: Array, *, most: int | None = None) -> NDArray[np.int_]:
