@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
 from hums.fleet.series import limit_table
-from signals.monitoring.health import Layout, Normal, Prior, learn_normal
+from signals.monitoring.health import Layout, Normal, Prior, learn_machine
 from signals.monitoring.limits import AT_ONCE, machine_limits
-from signals.monitoring.memory import independent_records
 
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
@@ -32,30 +31,13 @@ class Watched:
 
 def watch(fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior) -> tuple[Watched, ...]:
     """Return, for each of the rates, alarms of machines whose first records, a day apart, are a baseline."""
-    normal, own, independent = learned(fleet, baseline, layout, prior)
+    series, measured = fleet.series[:, :baseline], fleet.measured[:, :baseline]
+    normal, own, independent = learn_machine(series, measured, DAY_S * np.arange(float(baseline)), layout, prior)
     charts = [_Charts(rate, normal, own, independent, fleet.series.shape[1] - baseline) for rate in rates]
     for number, scores in enumerate(later_scores(fleet, baseline, normal)):
         for one in charts:
             one.step(number, scores)
     return tuple(one.watched for one in charts)
-
-
-def learned(fleet: Fleet, baseline: int, layout: Layout, prior: Prior) -> tuple[Normal, Array, Array]:
-    """Return what `Epoch.learn` does: what is normal, baseline scores (records, machines, scores), independent records.
-
-    The latter are (machines, scores).
-    """
-    series, at = fleet.series[:, :baseline], fleet.measured[:, :baseline]
-
-    def own(normal: Normal) -> Array:
-        return np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
-
-    scores = own(learn_normal(series, at, layout, prior))
-    independent = independent_records(scores.reshape(baseline, -1), DAY_S * np.arange(baseline))
-    independent = independent.reshape(scores.shape[1:])
-    share = np.median(independent, axis=1, keepdims=True) / baseline
-    normal = learn_normal(series, at, layout, prior, independent=share)
-    return normal, own(normal), independent
 
 
 def later_scores(fleet: Fleet, baseline: int, normal: Normal) -> Iterator[Array]:

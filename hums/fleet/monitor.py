@@ -8,9 +8,9 @@ components keep theirs.
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -30,12 +30,10 @@ from hums.fleet.series import (
     limit_table,
     prior_of,
     vector,
-    watched_component,
 )
 from signals.monitoring.charts import ChartState
-from signals.monitoring.health import Normal, Reading, learn_normal, regime
+from signals.monitoring.health import Normal, Reading, learn_machine, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
-from signals.monitoring.memory import independent_records
 
 Array = NDArray[np.float64]
 RISES, FALLS = "level rises", "level falls suddenly"
@@ -43,6 +41,7 @@ MOST_LEVERAGE = 1.0
 """Variance of the prediction over that of the series above which a record is not judged: the regression would add as
 much scatter as the record itself has (our choice)."""
 _DRIVERS = 3  # indicators an alarm names
+_INCOMPLETE = "this baseline is incomplete; monitor more records first."
 
 
 @dataclass(kw_only=True)
@@ -73,9 +72,9 @@ class Epoch:
     recent: Array | None = None
 
     @property
-    def scores(self) -> tuple[tuple[str, str], ...]:
-        """Component, or monitored quantity of a sensor, for each score."""
-        return _scores(self.names, self.channels)
+    def watched(self) -> Mapping[str, tuple[int, ...]]:
+        """Places of the scores of each component, and of each monitored quantity of a sensor."""
+        return _watched(self.names, self.channels)
 
     def learn(self, machine: str, settings: MonitorSettings) -> None:
         """Learn the baseline from the collected records, and discard them."""
@@ -88,13 +87,10 @@ class Epoch:
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
         self.names, self.channels, layout = layout_of(self.series)
-        learned = partial(learn_normal, values[:, kept], _logarithms(at), layout, prior_of(self.series, layout))
-        self.normal = learned()
-        times = np.array([seconds_since_1970(one.recorded_at) for one in seen])
-        own = self.normal.read(values[:, kept], _logarithms(at)).scores
-        independent = independent_records(own, times)
-        self.normal = learned(independent=float(np.median(independent)) / len(seen))
-        own = self.normal.read(values[:, kept], _logarithms(at)).scores
+        times_s = np.array([seconds_since_1970(one.recorded_at) for one in seen])
+        self.normal, own, independent = learn_machine(
+            values[:, kept], _logarithms(at), times_s, layout, prior_of(self.series, layout)
+        )
         self.limits = machine_limits(
             limit_table(),
             independent,
@@ -120,12 +116,18 @@ class Epoch:
             return f"{', '.join(self.covariates)} too far from those of the baseline to predict normal values"
         return ""
 
+    def read(self, seen: Observation, recent: Array | None = None) -> Reading:
+        """Return a record relative to the baseline."""
+        if self.normal is None:
+            raise MonitorError(_INCOMPLETE)
+        at = np.array([seen.covariates[name] for name in self.covariates])
+        return self.normal.read(vector(seen.values, self.series), _logarithms(at), recent)
+
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
-        if self.normal is None or self.limits is None or self.charts is None:
-            raise MonitorError("this baseline is incomplete; monitor more records first.")
-        at = np.array([seen.covariates[name] for name in self.covariates])
-        reading = self.normal.read(vector(seen.values, self.series), _logarithms(at), self.recent)
+        if self.limits is None or self.charts is None:
+            raise MonitorError(_INCOMPLETE)
+        reading = self.read(seen, self.recent)
         self.recent = reading.recent
         self.charts = self.limits.charts.step(self.charts, reading.scores)
         index = np.where(np.isfinite(reading.scores), self.limits.index(self.charts) / self.headroom, np.nan)
@@ -360,27 +362,29 @@ def _judged(
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
         rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
-        charts = indices.copy()
-        governed = [one for one in _nearest(epoch, indices) if state.epoch_of(one[2]) == number]
-        for place, _, component, what, _ in governed:
-            if component in seen.diagnosed and not what:  # at the limit because of the verdict alone
-                indices[place] = np.fmax(indices[place], 1.0)
-        most = _largest_departures(epoch, reading)
-        for place, whole, component, what, name in governed:
-            index[name], scores[name] = float(indices[place]), float(reading.scores[whole])
+        ranked, closeness = _ranked(epoch, reading), np.nan_to_num(indices, nan=-np.inf).tolist()
+        for name, places in epoch.watched.items():
+            component, _, what = name.partition(": ")
+            if state.epoch_of(component) != number:
+                continue
+            place = max(places, key=closeness.__getitem__)
+            charts, diagnosed = float(indices[place]), component in seen.diagnosed and not what
+            index[name] = max(1.0, charts) if diagnosed else charts  # at the limit because of the verdict alone
+            scores[name] = float(reading.scores[places[0]])
             alarm = state.alarms.setdefault(name, Alarm())
             if rising[place] <= 1 and not any(alarm.recent):
                 state.since[name] = seen.recorded_at or seen.record
-            growth[name], ratio[name] = most[place]
+            growth[name], ratio[name] = _driver(epoch, reading, name, ranked[place][0])
             before = replace(alarm)
             if alarm.step(index[name], bursts=bool(epoch.bursts[place])):
-                drivers = [(channel, indicator) for channel, indicator, _ in _drivers(epoch, reading, place)]
+                those = ranked[place][:_DRIVERS]
+                drivers = [_driver(epoch, reading, name, i)[0][:2] for i in those if i >= 0 or what]
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
-                if component in seen.diagnosed and not what:
-                    drivers.insert(0, (drivers[0][0] if drivers else "", _verdict_words(epoch, component)))
-                    severity = "verdict" if not charts[place] >= 1 else severity
+                if diagnosed:
+                    drivers.insert(0, (drivers[0][0], _verdict_words(epoch, component)))
+                    severity = severity if charts >= 1 else "verdict"
                 row = _alarm(state, seen, name, drivers, value=index[name], severity=severity, baseline=epoch.identity)
-                rises.append(_Rise(name, bool(what) or component in seen.diagnosed, before, row))
+                rises.append(_Rise(name, bool(what) or diagnosed, before, row))
             elif name in state.open:
                 state.open[name]["state"] = state.alarms[name].word
     alarms += _causes(state, rises, index)
@@ -413,69 +417,34 @@ def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, flo
     return alarms
 
 
-def _nearest(epoch: Epoch, indices: Array) -> Iterator[tuple[int, int, str, str, str]]:
-    """Yield for each component the index of its score closest to its limit, that of all its series, and names.
-
-    Names are those of the component, of its monitored quantity, and of both.
-    """
-    ranked = np.where(np.isfinite(indices), indices, -np.inf)
-    for places, component, what, name in _named_scores(epoch.scores):
-        yield places[int(ranked[list(places)].argmax())], places[0], component, what, name
-
-
 @lru_cache(maxsize=1024)
-def _scores(names: tuple[str, ...], channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    levels = [(f"sensor {name}", what) for what in (RISES, FALLS) for name in channels]
-    return (*((name, "") for name in names), *levels)
+def _watched(names: tuple[str, ...], channels: tuple[str, ...]) -> Mapping[str, tuple[int, ...]]:
+    levels = [f"sensor {channel}: {what}" for what in (RISES, FALLS) for channel in channels]
+    places: dict[str, tuple[int, ...]] = {}
+    for place, name in enumerate((*names, *levels)):
+        places[name] = (*places.get(name, ()), place)
+    return places
 
 
-@lru_cache(maxsize=1024)
-def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[tuple[int, ...], str, str, str], ...]:
-    """Return for each component the indices of its scores, its name, its monitored quantity, and the name of both."""
-    places: dict[tuple[str, str], list[int]] = {}
-    for place, one in enumerate(scores):
-        places.setdefault(one, []).append(place)
-    return tuple(
-        (tuple(those), component, what, f"{component}: {what}" if what else component)
-        for (component, what), those in places.items()
-    )
-
-
-def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[tuple[str, str, float], float]]:
-    """Return channel, indicator, deviation and ratio to normal of the series that deviates most, for each score."""
+def _ranked(epoch: Epoch, reading: Reading) -> list[list[int]]:
+    """Return the series of each score, the largest deviation first; -1 fills up, and stands for a level."""
     if epoch.normal is None:
-        return []
-    table = epoch.normal.layout.of_components.series
-    away, rows = _comparable(np.append(reading.departures, np.nan))[table], np.arange(len(table))
-    largest = away.argmax(axis=1)
-    departures, series = away[rows, largest].tolist(), table[rows, largest].tolist()
-    found = [
-        ((*_words(epoch.series[i]), departure), math.exp(reading.growth[i]))
-        for i, departure in zip(series, departures, strict=True)
-    ]
-    levels = [_of_level(epoch, reading, place) for place in range(len(epoch.names), len(epoch.scores))]
-    return [*found, *((one, math.exp(one[2])) for one in levels)]
+        raise MonitorError(_INCOMPLETE)
+    components = epoch.normal.layout.of_components
+    order = np.argsort(-components.table(reading.departures), axis=1, kind="stable")  # NaN last
+    ranked: list[list[int]] = np.take_along_axis(components.series, order, axis=1).tolist()
+    return ranked + [[-1]] * (2 * len(epoch.channels))
 
 
-def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
-    """Return channel, indicator and deviation of the series that deviate most, for an alarm of a score."""
-    if place >= len(epoch.names):
-        return [_of_level(epoch, reading, place)]
-    if epoch.normal is None:
-        return []
-    those = epoch.normal.layout.series[place]
-    away = _comparable(reading.departures[those])
-    return [(*_words(epoch.series[those[i]]), float(away[i])) for i in np.argsort(-away, kind="stable")[:_DRIVERS]]
-
-
-def _comparable(departures: Array) -> Array:
-    return np.where(np.isfinite(departures), departures, -np.inf)
-
-
-def _of_level(epoch: Epoch, reading: Reading, place: int) -> tuple[str, str, float]:
-    """Return channel, monitored quantity and level, for the score of a channel's level."""
-    channel = (place - len(epoch.names)) % len(epoch.channels)
-    return epoch.channels[channel], epoch.scores[place][1], float(reading.level[channel])
+def _driver(epoch: Epoch, reading: Reading, name: str, series: int) -> tuple[tuple[str, str, float], float]:
+    """Return channel, indicator, deviation and ratio to normal of a series; of a level instead where `name` has one."""
+    component, _, what = name.partition(": ")
+    if what:
+        channel = component.removeprefix("sensor ")
+        level = float(reading.level[epoch.channels.index(channel)])
+        return (channel, what, level), math.exp(level)
+    departure = float(reading.departures[series])
+    return (*_words(epoch.series[series]), departure), math.exp(reading.growth[series])
 
 
 @lru_cache(maxsize=100_000)
@@ -486,13 +455,12 @@ def _words(key: Series) -> tuple[str, str]:
 
 def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:
     """Return the series of a component that deviate most in a record, the largest deviation first."""
-    if epoch.normal is None:
+    if component not in epoch.names:
         return ()
-    at = np.array([seen.covariates[name] for name in epoch.covariates])
-    reading = epoch.normal.read(vector(seen.values, epoch.series), _logarithms(at))
-    ranked = np.argsort(-_comparable(reading.departures), kind="stable")
-    found = [epoch.series[i] for i in ranked if math.isfinite(reading.departures[i])]
-    return tuple([key for key in found if watched_component(key) == component][:most])
+    reading = epoch.read(seen)
+    ranked = _ranked(epoch, reading)[epoch.names.index(component)]
+    known = [i for i in ranked if i >= 0 and math.isfinite(reading.departures[i])]
+    return tuple(epoch.series[i] for i in known[:most])
 
 
 def _alarm(
@@ -609,11 +577,10 @@ def _acknowledge(state: MachineState, component: str) -> None:
 
 def _restart_charts(state: MachineState, name: str) -> None:
     """Restart the charts of an acknowledged alarm, so that only later records decide whether it clears."""
-    component, _, what = name.partition(": ")
-    for epoch in (stratum[state.epoch_of(component)] for stratum in state.strata.values()):
+    for epoch in (stratum[state.epoch_of(name.partition(": ")[0])] for stratum in state.strata.values()):
         if epoch.charts is None or epoch.limits is None:
             continue
-        for place in (number for number, one in enumerate(epoch.scores) if one == (component, what)):
+        for place in epoch.watched.get(name, ()):
             epoch.charts = epoch.limits.charts.restart(epoch.charts, place)
 
 

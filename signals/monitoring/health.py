@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
+from signals.monitoring.memory import independent_records
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -43,6 +44,10 @@ class Kinds:
     series: Indices
     sizes: Indices
     first: Indices
+
+    def table(self, values: Array) -> Array:
+        """Return values (..., series) by kind (..., kinds, width), padded with NaN."""
+        return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], axis=-1)[..., self.series]
 
 
 def kinds_of(groups: Sequence[Sequence[Indices]]) -> Kinds:
@@ -77,11 +82,6 @@ class Layout:
     groups: tuple[int, ...] = ()
 
     @cached_property
-    def series(self) -> tuple[Indices, ...]:
-        """Series of each component, of all its kinds."""
-        return tuple(np.concatenate(kinds) for kinds in self.components)
-
-    @cached_property
     def kinds(self) -> Kinds:
         """Series of each kind of all components."""
         return kinds_of(self.components)
@@ -89,7 +89,7 @@ class Layout:
     @cached_property
     def of_components(self) -> Kinds:
         """Series of each component, of all its kinds."""
-        return kinds_of([[those] for those in self.series])
+        return kinds_of([[np.concatenate(kinds)] for kinds in self.components])
 
     @cached_property
     def levels(self) -> Kinds:
@@ -103,11 +103,6 @@ class Layout:
         for number, those in enumerate(self.channels):
             found[those] = number
         return found
-
-    @cached_property
-    def divisors(self) -> Array:
-        """Power of the signal's unit of each series, 1 without a unit."""
-        return np.where(self.powers > 0, self.powers, 1.0)
 
     @property
     def sizes(self) -> Array:
@@ -249,6 +244,39 @@ def learn_normal(
     )
 
 
+def learn_machine(
+    values: Array, covariates: Array, times_s: Array, layout: Layout, prior: Prior
+) -> tuple[Normal, Array, Array]:
+    """Learn the baselines from records that count by their autocorrelation in time.
+
+    Parameters
+    ----------
+    values, covariates, layout, prior
+        As of `learn_normal`.
+    times_s : (records,) array
+        Times of the records in seconds.
+
+    Returns
+    -------
+    Normal
+        The baselines.
+    (records, ..., scores) array
+        Scores of the records themselves.
+    (..., scores) array
+        Number of independent records of each score.
+    """
+    records = values.shape[-2]
+
+    def own(normal: Normal) -> Array:
+        return np.stack([normal.read(values[..., n, :], covariates[..., n, :]).scores for n in range(records)])
+
+    scores = own(learn_normal(values, covariates, layout, prior))
+    independent = independent_records(scores.reshape(records, -1), times_s).reshape(scores.shape[1:])
+    share = np.median(independent, axis=-1, keepdims=True) / records
+    normal = learn_normal(values, covariates, layout, prior, independent=share)
+    return normal, own(normal), independent
+
+
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
     """Return the factor by which deviations (..., 1) widen at covariates, and the weight of a score.
 
@@ -267,8 +295,7 @@ def _levels(departures: Array, layout: Layout) -> list[Array]:
     """Return `_QUANTILES` of the deviations (..., channels) of the series with the signal's unit."""
     if not layout.channels:
         return [np.zeros((*departures.shape[:-1], 0)) for _ in _QUANTILES]
-    padded = np.concatenate([departures / layout.divisors, np.full((*departures.shape[:-1], 1), np.nan)], axis=-1)
-    ordered = np.sort(padded[..., layout.levels.series], axis=-1)  # NaN last
+    ordered = np.sort(layout.levels.table(departures / np.maximum(layout.powers, 1)), axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)[..., None]
     last = np.maximum(count - 1, 0)
     place = _QUANTILES * last
@@ -305,8 +332,7 @@ def fused_scores(departures: Array, kinds: Kinds) -> Array:
     """
     if not kinds.first.size:
         return np.zeros((*departures.shape[:-1], 0))
-    padded = np.concatenate([departures, np.full((*departures.shape[:-1], 1), np.nan)], axis=-1)
-    ordered = np.sort(-padded[..., kinds.series], axis=-1)  # NaN last
+    ordered = np.sort(-kinds.table(departures), axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)
     taken = np.ceil(count * _LARGEST)
     among = np.arange(ordered.shape[-1]) < taken[..., None]

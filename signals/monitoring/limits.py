@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.interpolate import interpn
 
 from signals.monitoring.charts import Charts, ChartState
 
@@ -50,19 +51,10 @@ class LimitTable:
 
     def at(self, independent: Array, every: float, groups: tuple[int, ...]) -> Array:
         """Return the limits (ewmas, scores) for baselines of `independent` records (scores,), by interpolation."""
-        logs = np.log(self.limits)
-        low, share = _place(np.array(every), self.every)
-        logs = logs[:, :, low] + share * (logs[:, :, low + 1] - logs[:, :, low])
-        low, share = _place(independent, self.baselines)
-        group, share = np.array(groups), share[:, None]
-        return np.asarray(np.exp(logs[group, low] + share * (logs[group, low + 1] - logs[group, low])).T)
-
-
-def _place(value: Array, grid: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return the grid points below values, at most the last but one, and the logarithmic fraction of the interval."""
-    place = np.interp(np.log(value), np.log(grid), np.arange(grid.size))
-    low = np.minimum(place.astype(np.int64), grid.size - 2)
-    return low, place - low
+        axes = np.log(self.baselines), np.log(self.every)
+        points = np.stack(np.broadcast_arrays(groups, np.log(independent), np.log(every)), axis=-1)
+        points[:, 1:] = np.clip(points[:, 1:], *np.transpose([axis[[0, -1]] for axis in axes]))
+        return np.exp(interpn((np.arange(len(self.limits)), *axes), np.log(self.limits), points).T)
 
 
 @dataclass(frozen=True, kw_only=True)

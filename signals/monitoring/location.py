@@ -163,11 +163,11 @@ def _location(values: Array) -> tuple[Array, Array, Array]:
     known = np.isfinite(values)
     count = known.sum(axis=-2)
     work = np.sort(np.where(known, values, np.inf), axis=-2)  # one array for all steps: they are bound by memory
-    center = _middle(work, count)
+    center = known_median(work, count)
     away = np.where(known, values - center[..., None, :], 0.0)
     work[:] = np.where(known, np.abs(away), np.inf)
     work.sort(axis=-2)
-    scale = _MAD * _middle(work, count)
+    scale = _MAD * known_median(work, count)
     weights = work
     with np.errstate(invalid="ignore", divide="ignore"):
         for _ in range(_STEPS):
@@ -183,13 +183,14 @@ def _location(values: Array) -> tuple[Array, Array, Array]:
     return center, scale, weights
 
 
-def _middle(ordered: Array, count: NDArray[np.int64]) -> Array:
-    """Return the medians of sorted values along the records, with NaN last."""
-    low, high = np.maximum(count - 1, 0) // 2, count // 2
-    high = np.minimum(high, ordered.shape[-2] - 1)
+def known_median(ordered: Array, count: NDArray[np.int64]) -> Array:
+    """Return the medians (..., series) of sorted values (..., records, series), of which the first `count` are known.
+
+    They are NaN where none is.
+    """
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, ordered.shape[-2] - 1)
     pick = [np.take_along_axis(ordered, at[..., None, :], axis=-2)[..., 0, :] for at in (low, high)]
-    middle = np.where(count % 2 == 0, (pick[0] + pick[1]) / 2, pick[0])
-    return np.where(count > 0, middle, np.nan)
+    return np.where(count > 0, (pick[0] + pick[1]) / 2, np.nan)
 
 
 def _slopes(values: Array, design: Array, weights: Array, precision: Array) -> Array:

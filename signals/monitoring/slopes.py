@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtr, stdtrit
 
+from signals.monitoring.location import known_median
 from signals.monitoring.memory import correlations
 
 Array = NDArray[np.float64]
@@ -101,23 +103,19 @@ def _discovery_rates(p_values: Array) -> Array:
 
 def _slope(y: Array, t: Array) -> dict[str, float]:
     """Return the slope of values (n,) over increasing times, and its 95 % interval."""
-    from scipy.stats import t as student  # noqa: PLC0415 - heavy
-
     place, unit = (t - t[0]) / np.ptp(t), y.std() / np.ptp(t)
     (mean,), (error,), dof = _changes(y, place[:, None], t)
-    reach = student.ppf(0.975, dof) * error
+    reach = stdtrit(dof, 0.975) * error
     return {"slope": mean * unit, "slope_low": (mean - reach) * unit, "slope_high": (mean + reach) * unit}
 
 
 def _change(y: Array, t: Array) -> dict[str, Any]:
     """Return the growth law of values (n,) over increasing times, and its probability by chance."""
-    from scipy.stats import t as student  # noqa: PLC0415 - heavy
-
     place = (t - t[0]) / np.ptp(t)
     courses = np.column_stack([place, np.expm1(_GROWTH * place) / np.expm1(_GROWTH)])
     mean, error, dof = _changes(y, courses, t)
     best = int(np.argmax(np.abs(mean) / error))
-    p_value = min(1.0, 2 * float(student.sf(abs(mean[best]) / error[best], dof)) * mean.size)
+    p_value = min(1.0, 2 * float(stdtr(dof, -abs(mean[best]) / error[best])) * mean.size)
     return {"p_value": p_value, "form": ("line", "growth")[best], "rises": mean[best] > 0}
 
 
@@ -215,13 +213,5 @@ def grouped(values: Array, times: Array) -> tuple[Array, Array]:
     if len(times) <= _MOST_GROUPS:
         return values, times
     groups = np.array_split(np.arange(len(times)), _MOST_GROUPS)
-    middle = [np.where(np.isfinite(values[g]).any(axis=0), _median(values[g]), np.nan) for g in groups]
+    middle = [known_median(np.sort(values[g], axis=0), np.isfinite(values[g]).sum(axis=0)) for g in groups]
     return np.array(middle), np.array([np.median(times[g]) for g in groups])
-
-
-def _median(values: Array) -> Array:
-    ordered = np.sort(values, axis=0)  # NaN last
-    count = np.isfinite(values).sum(axis=0)
-    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(values) - 1)
-    pick = [np.take_along_axis(ordered, at[None], axis=0)[0] for at in (low, high)]
-    return np.asarray((pick[0] + pick[1]) / 2)
