@@ -663,14 +663,7 @@ def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
         return part
     band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
     highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))
-    bank = bank_envelopes(
-        segment.filled,
-        rate_hz=when.rate_hz,
-        bands_hz=[band],
-        highest_hz=min(highest_hz, _ENVELOPE_SHARE * (band[1] - band[0])),
-        transform=segment.free_transform,
-    )
-    rate_hz, envelope = next(iter(bank))
+    rate_hz, envelope = segment.envelope(band, min(highest_hz, _ENVELOPE_SHARE * (band[1] - band[0])))
     times_s = when.start_s + np.arange(envelope.size) / rate_hz
     inside = (times_s >= phase.start_s) & (times_s <= phase.stop_s)
     if np.count_nonzero(inside) < FEWEST_SAMPLES:
@@ -719,7 +712,6 @@ def setting_of(machine: Machine) -> Setting:
     speeds = machine.speeds_hz
     return Setting(
         shafts=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0})),
-        meshes=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "gear_mesh"})),
         speed_hz=float(speeds.mean()),
         speed_range_hz=float(np.ptp(speeds)),
         measured=not machine.phase.nominal,

@@ -68,10 +68,9 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """Orders of shafts and meshes, and mean and range of speed in rev/s; `measured` if it is not merely declared."""
+    """Orders of shafts, and mean and range of speed in rev/s; `measured` if it is not merely declared."""
 
     shafts: tuple[float, ...]
-    meshes: tuple[float, ...] = ()
     speed_hz: float
     speed_range_hz: float = 0.0
     measured: bool = True

@@ -29,6 +29,7 @@ from hums.records.channels import Sampling, channel_values, names_of, sampling, 
 from hums.records.snapshots import is_snapshots, snapshots_of
 from signals._transforms import transform_of
 from signals.angle.averaging import SynchronousAverage
+from signals.demodulation.envelope import bank_envelopes
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all, time_resample
 from signals.shaft.phase import ShaftPhase
@@ -162,6 +163,17 @@ class Segment:
         free = self.filled.copy()
         free[first : first + locked.size] -= locked
         return transform_of(free)
+
+    def envelope(self, band_hz: tuple[float, float], highest_hz: float | None = None) -> tuple[float, Values]:
+        """Return the rate and the samples of the envelope of a band, its slow part up to `highest_hz` if given."""
+        ((rate_hz, values),) = bank_envelopes(
+            self.filled,
+            rate_hz=self.when.rate_hz,
+            bands_hz=[band_hz],
+            highest_hz=highest_hz,
+            transform=self.free_transform,
+        )
+        return rate_hz, values
 
     @cached_property
     def signal(self) -> AngularSignal:

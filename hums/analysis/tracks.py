@@ -18,7 +18,6 @@ from hums.analysis.gear_damage import ToothEnvelope
 from hums.analysis.reference_angle import Machine
 from hums.analysis.segments import Segment, resample_in_angle
 from hums.gearbox.defect_orders import BEARING_KINDS
-from signals.demodulation.envelope import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import likely_bandwidth
 from signals.health import SensorHealth
@@ -290,9 +289,7 @@ class EnvelopeLine:
 def bearing_line(segment: Segment, part: PartEvidence, *, slip: float) -> EnvelopeLine:
     """Return the fundamental of a bearing defect in the envelope of its band, with sufficient sampling."""
     when, band = segment.when, (part.band_low_hz, part.band_high_hz)
-    ((rate_hz, envelope),) = bank_envelopes(
-        segment.filled, rate_hz=when.rate_hz, bands_hz=[band], transform=segment.free_transform
-    )
+    rate_hz, envelope = segment.envelope(band)
     at = replace(when, rate_hz=rate_hz, count=envelope.size)
     last = (1 + slip) * part.order + _MARGIN_ORDERS
     (signal,) = resample_in_angle([envelope], at, segment.name, segment.machine.phase, last, multiple_of=1)
