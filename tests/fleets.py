@@ -1,6 +1,5 @@
 """Observations of a machine with two gears and two sensors, healthy or not."""
 
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -49,7 +48,6 @@ LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for 
 
 def kept(seen, *, growth=1.0):
     """The results of an observation's record; its lines grow."""
-    keys = tuple(seen.values)
     return StoredRecord(
         record=seen.record,
         machine=seen.machine,
@@ -60,8 +58,7 @@ def kept(seen, *, growth=1.0):
         orders=np.array([23.0, 46.0, 69.0] * 2),
         indicators=Numbers(keys=(), values=np.zeros(0)),
         findings=(),
-        watched=Numbers(keys=keys, values=np.array([seen.values[key] for key in keys])),
-        seen=replace(seen, values={}),
+        observation=seen,
     )
 
 

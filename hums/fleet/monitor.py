@@ -204,13 +204,6 @@ class MachineState:
         rows = {cause: row for cause, row in self.open.items() if row["state"] != "cleared"}
         return next((cause for cause, row in rows.items() if name in row["consequences"].split("; ")), "")
 
-    def check(self, machine: str) -> None:
-        """Raise MonitorError if a record is of another machine."""
-        if machine != self.machine:
-            raise MonitorError(
-                f"the record is of machine {machine!r} and the state of {self.machine!r}; keep a state for each."
-            )
-
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hums.fleet.result_files import StoredRecord
+from hums.fleet.table import columns_of
 from hums.records.outputs import atomic_write
 
 NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
@@ -49,14 +50,8 @@ def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
 
 def _rows(pa: Any, schema: Any, records: Sequence[StoredRecord]) -> Any:  # noqa: ANN401 - pyarrow is loaded in use alone
     counts = [len(one.indicators.keys) for one in records]
-    keys: dict[Any, int] = {}
-    places: dict[int, np.ndarray[Any, Any]] = {}
-    for one in records:
-        if id(one.indicators.keys) not in places:
-            places[id(one.indicators.keys)] = np.array(
-                [keys.setdefault(key, len(keys)) for key in one.indicators.keys], dtype=np.int64
-            )
-    at = np.concatenate([np.zeros(0, dtype=np.int64), *(places[id(one.indicators.keys)] for one in records)])
+    keys, places = columns_of([one.indicators.keys for one in records])
+    at = np.concatenate([np.zeros(0, dtype=np.int64), *places])
     which = np.repeat(np.arange(len(records)), counts)
     columns = [_named(pa, [getattr(one, name) for one in records], which) for name in _FACTS]
     columns += [_named(pa, [key[number] for key in keys], at) for number in range(len(_COLUMNS))]

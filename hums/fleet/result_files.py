@@ -5,7 +5,6 @@ import gzip
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from dataclasses import replace as with_changes
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.observation import Observation, observation
-from hums.fleet.series import NOTHING, Numbers, Series, SeriesValues
+from hums.fleet.series import NOTHING, Numbers, shared
 from hums.records.outputs import atomic_write
 
 _NUMBERS = ("lines", "indicators")  # of a row
@@ -39,16 +38,10 @@ class StoredRecord:
     orders: NDArray[np.float64]
     indicators: Numbers
     findings: tuple[tuple[str, str, str], ...]
-    watched: Numbers
-    seen: Observation
+    observation: Observation
     label: str = ""
     not_judged: tuple[tuple[str, str], ...] = ()
     parts_not_judged: str = ""
-
-    @property
-    def observation(self) -> Observation:
-        """Observation of the machine in this record."""
-        return with_changes(self.seen, values=SeriesValues(self.watched.keys, self.watched.values))
 
 
 def write_row(row: Mapping[str, Any], path: Path) -> None:
@@ -89,37 +82,22 @@ def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
 
     Memory holds 8 bytes per monitored number and 4 per other number, and each set of names once.
     """
-    shared: dict[Any, Any] = {}
-    return [_stored(path, shared) for path in paths]
+    orders: dict[int, NDArray[np.float64]] = {}
+    return [_stored(path, orders) for path in paths]
 
 
-def _stored(path: Path, shared: dict[Any, Any]) -> StoredRecord:
+def _stored(path: Path, orders: dict[int, NDArray[np.float64]]) -> StoredRecord:
     row = read_row(path)
-    seen = observation(row)
     lines, indicators = (row.get(name, NOTHING) for name in _NUMBERS)
     return StoredRecord(
         **{name: row[name] for name in ("record", "machine", "recorded_at", "error")},
         speed_hz=row.get("speed_hz", np.nan),
         lines=Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32)),
-        orders=shared.setdefault(("orders", id(lines.keys)), lines.values[:, 0].copy()),
+        orders=orders.setdefault(id(lines.keys), lines.values[:, 0].copy()),
         indicators=Numbers(keys=indicators.keys, values=indicators.values[:, 0].astype(np.float32)),
         findings=tuple((component, kind, word) for component, kind, word, *_ in row.get("findings", ())),
-        watched=_watched(seen.values),
-        seen=with_changes(seen, values={}),
+        observation=observation(row),
         label=row.get("class", ""),
-        not_judged=_shared_pairs(row.get("not_judged", ()), shared),
+        not_judged=shared(tuple(map(tuple, row.get("not_judged", ())))),
         parts_not_judged=row.get("parts_not_judged", ""),
     )
-
-
-def _watched(values: Mapping[Series, float]) -> Numbers:
-    """Return the values of the series; results of records share their keys."""
-    if isinstance(values, SeriesValues):
-        return Numbers(keys=values.series, values=values.numbers)
-    return Numbers(keys=tuple(values), values=np.array(list(values.values()), dtype=np.float64))
-
-
-def _shared_pairs(rows: Iterable[Iterable[str]], shared: dict[Any, Any]) -> tuple[tuple[str, str], ...]:
-    """Return component and kind of each row, shared by records with the same rows."""
-    pairs = tuple((component, kind) for component, kind in rows)
-    return shared.setdefault(("pairs", pairs), pairs)  # type: ignore[no-any-return]

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -41,12 +41,12 @@ def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
     """Return rows of this many names, and of numbers."""
     taken = [tuple(row) for row in rows]
     values = np.array([row[names:] for row in taken], dtype=np.float64).reshape(len(taken), numbers)
-    return Numbers(keys=_shared(tuple(row[:names] for row in taken)), values=values)
+    return Numbers(keys=shared(tuple(row[:names] for row in taken)), values=values)
 
 
 @lru_cache(maxsize=256)
-def _shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the first tuple equal to this one, so that results derived from it are cached by identity."""
+def shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the first tuple equal to this one, so that it is held once, and results derived from it are cached."""
     return keys
 
 
@@ -59,16 +59,6 @@ class Series:
     kind: str
     indicator: str
     unit: str
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash((self.channel, self.component, self.kind, self.indicator, self.unit))
-
-    def __hash__(self) -> int:  # kept, since every record looks up all of them
-        return self._hash
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _series, (self.channel, self.component, self.kind, self.indicator, self.unit)  # hashes differ elsewhere
 
     @property
     def power(self) -> int:
@@ -156,7 +146,9 @@ def _plan(indicators: _Same, lines: _Same, joint: tuple[tuple[str, str], ...], w
     groups: dict[tuple[str, ...], int] = {}
 
     def place(channel: str, component: str, kind: str, name: str, unit: str) -> int:
-        return places.setdefault(_series(channel, names.get(component, component), kind, name, unit), len(places))
+        component = names.get(component, component)
+        key = Series(channel=channel, component=component, kind=kind, indicator=name, unit=unit)
+        return places.setdefault(key, len(places))
 
     of_indicators = [
         -1 if name in _OF_HISTORY else place(channel, component, kind, name, unit)
@@ -187,13 +179,8 @@ def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
 @lru_cache(maxsize=4096)
 def _places(there: _Same, wanted: _Same) -> NDArray[np.int64]:
     """Return the indices of the requested series among others, -1 for missing ones."""
-    at = _place_of_each(there)
+    at = {key: place for place, key in enumerate(there.thing)}
     return np.array([at.get(key, -1) for key in wanted.thing], dtype=np.int64)
-
-
-@lru_cache(maxsize=4096)
-def _place_of_each(series: _Same) -> dict[Series, int]:
-    return {key: place for place, key in enumerate(series.thing)}
 
 
 def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
@@ -227,12 +214,6 @@ def component_parts(component: str) -> tuple[str, ...]:
     if not component.startswith(_JOINT):
         return (component,)
     return (component, *component.removeprefix(_JOINT).split(_AND))
-
-
-@lru_cache(maxsize=100_000)
-def _series(channel: str, component: str, kind: str, indicator: str, unit: str) -> Series:
-    """Return one shared object for equal series of all records."""
-    return Series(channel=channel, component=component, kind=kind, indicator=indicator, unit=unit)
 
 
 def vector(found: Mapping[Series, float], series: tuple[Series, ...]) -> NDArray[np.float64]:

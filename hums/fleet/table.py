@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -33,10 +34,10 @@ SIGNIFICANCE = 0.01
 VERDICTS = ("none", "indicated", "diagnosed", "not judged")
 _CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
+_NOT_JUDGED: Mapping[str, Any] = {"index": {}, "scores": {}, "why": ""}
 FEWEST_SHOWN = 2  # values of which a change is shown
 _RECENT_POINTS = 300  # of a forecast: what lies before says little about the slope now
 Key = tuple[Any, ...]
-Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +62,12 @@ def write_tables(
 
     Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record.
     """
-    table = _with_health(_table(records, _Columns(records)), health or {})
+    table = _table(records, health or {})
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
-    with atomic_write(folder / "trends.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
-        rows = list(_series_trends(table, limits or {}))
-        _write_trends(rows, stream)
+    rows = sorted(_series_trends(table, limits or {}), key=lambda row: row.get("adjusted_p", 2.0))  # untested ones last
+    write_rows(folder / "trends.csv", _TREND_COLUMNS, rows)
     failed = table["error"].to_numpy() != ""
     names, errors = table["record"].to_numpy()[failed], table["error"].to_numpy()[failed]
     return WrittenTables(
@@ -76,56 +76,50 @@ def write_tables(
     )
 
 
-class _Columns:
-    """Columns of the table, numbered in the order in which the records first fill them."""
+def columns_of(keys: Sequence[tuple[Key, ...]]) -> tuple[tuple[Key, ...], list[NDArray[np.int64]]]:
+    """Return the distinct keys of all records, which share most of theirs, and the columns of those of each record.
 
-    def __init__(self, records: Sequence[StoredRecord]) -> None:
-        self.lines: dict[Key, int] = {}
-        self.indicators: dict[Key, int] = {}
-        self.conditions: dict[Key, int] = {}
-        self.orders: dict[Key, float] = {}
-        self._places: dict[int, NDArray[np.int64]] = {}
-        for one in records:
-            if self._new(one.lines.keys, self.lines):
-                for key, order in zip(one.lines.keys, one.orders.tolist(), strict=True):
-                    self.orders.setdefault(key, order)
-            self._new(one.indicators.keys, self.indicators)
-            for component, kind, _ in one.findings:
-                self.conditions.setdefault((component, kind), len(self.conditions))
-
-    def _new(self, keys: tuple[Key, ...], columns: dict[Key, int]) -> bool:
-        if id(keys) in self._places:
-            return False
-        self._places[id(keys)] = np.array([columns.setdefault(key, len(columns)) for key in keys], dtype=np.int64)
-        return True
-
-    def places(self, keys: tuple[Key, ...]) -> NDArray[np.int64]:
-        """Return the columns of keys that records share."""
-        return self._places[id(keys)]
+    Columns are in the order in which the records first fill them.
+    """
+    distinct = {id(each): each for each in keys}
+    columns = {key: place for place, key in enumerate(dict.fromkeys(chain(*distinct.values())))}
+    places = {number: np.array([columns[key] for key in each], dtype=np.int64) for number, each in distinct.items()}
+    return tuple(columns), [places[id(each)] for each in keys]
 
 
-def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
-    """Return the table of all records, NaN where a record lacks a column."""
-    count = len(records)
+def _filled(rows: Sequence[Mapping[Any, float]], keys: Sequence[Any], *, missing: float) -> NDArray[np.float32]:
+    """Return the numbers of rows (rows, keys)."""
+    found = [[row.get(key, missing) for key in keys] for row in rows]
+    return np.array(found, dtype=np.float32).reshape(len(rows), len(keys))
+
+
+def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
+    """Return the table of all records, NaN where a record lacks a column or was not judged."""
     facts = {name: [getattr(one, name) for one in records] for name in _FACTS}
     speed = np.array([one.speed_hz for one in records], dtype=np.float64)
-    amplitude = np.full((count, len(columns.lines)), np.nan, dtype=np.float32)
+    lines, of_lines = columns_of([one.lines.keys for one in records])
+    indicators, of_indicators = columns_of([one.indicators.keys for one in records])
+    amplitude = np.full((len(records), len(lines)), np.nan, dtype=np.float32)
     snr, claimed = np.full_like(amplitude, np.nan), np.zeros(amplitude.shape, dtype=np.int8)
-    value = np.full((count, len(columns.indicators)), np.nan, dtype=np.float32)
-    verdict = np.zeros((count, len(columns.conditions)), dtype=np.int8)
-    for number, one in enumerate(records):
-        at = columns.places(one.lines.keys)
+    value, order = np.full((len(records), len(indicators)), np.nan, dtype=np.float32), np.zeros(len(lines))
+    for number in reversed(range(len(records))):  # orders are those of the first record with a line
+        one, at = records[number], of_lines[number]
         amplitude[number, at], snr[number, at], claimed[number, at] = one.lines.values.T
-        value[number, columns.places(one.indicators.keys)] = one.indicators.values
-        for component, kind, word in one.findings:
-            verdict[number, columns.conditions[component, kind]] = VERDICTS.index(word)
-        for condition in one.not_judged:
-            if condition in columns.conditions:
-                verdict[number, columns.conditions[condition]] = VERDICTS.index("not judged")
+        value[number, of_indicators[number]], order[at] = one.indicators.values, one.orders
+    words = [
+        {(component, kind): VERDICTS.index(word) for component, kind, word in one.findings}
+        | dict.fromkeys(one.not_judged, VERDICTS.index("not judged"))
+        for one in records
+    ]
+    conditions = tuple(dict.fromkeys((component, kind) for one in records for component, kind, _ in one.findings))
+    judged = [health.get(one.record, _NOT_JUDGED) for one in records]
+    watched = sorted({name for one in judged for name in one["index"]})
+    index, score = (_filled([one[what] for one in judged], watched, missing=np.nan) for what in ("index", "scores"))
     return xr.Dataset(
         {
             "class": ("record", np.array([one.label for one in records], dtype=np.str_)),
-            "regime": ("record", np.array([one.seen.regime for one in records], dtype=np.str_)),
+            "regime": ("record", np.array([one.observation.regime for one in records], dtype=np.str_)),
+            "not_judged": ("record", np.array([one["why"] for one in judged], dtype=np.str_)),
             "parts_not_judged": ("record", np.array([one.parts_not_judged for one in records], dtype=np.str_)),
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
@@ -135,39 +129,25 @@ def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
             "value": (("record", "indicator"), value),
             "verdict": (
                 ("record", "condition"),
-                verdict,
+                _filled(words, conditions, missing=0).astype(np.int8),
                 {"flag_values": [0, 1, 2, 3], "flag_meanings": " ".join(VERDICTS).replace("not judged", "not_judged")},
             ),
-            "order": ("line", np.array(list(columns.orders.values()), dtype=np.float64)),
+            "order": ("line", order),
+            "health": (("record", "watched"), index, {"long_name": "condition index: 0 normal, 1 alarm"}),
+            "score": (("record", "watched"), score, {"long_name": "deviation from normal, in standard deviations"}),
         },
         coords={
             "record": np.array(facts["record"], dtype=np.str_),
-            **_coordinates("line", LINE, columns.lines),
-            **_coordinates("indicator", INDICATOR, columns.indicators),
-            **_coordinates("condition", _CONDITION, columns.conditions),
+            **_coordinates("line", LINE, lines),
+            **_coordinates("indicator", INDICATOR, indicators),
+            **_coordinates("condition", _CONDITION, conditions),
+            "watched": np.array(watched, dtype=np.str_),
         },
         attrs={"schema": "hums-fleet/1"},
     )
 
 
-def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
-    """Return the table with the condition index of every monitored component, NaN if a record was not judged."""
-    records = [health.get(str(name), {}) for name in table["record"].to_numpy()]
-    watched = list(dict.fromkeys(sorted({name for one in records for name in one.get("index", ())})))
-    index = np.full((len(records), len(watched)), np.nan, dtype=np.float32)
-    score = np.full_like(index, np.nan)
-    places = {name: place for place, name in enumerate(watched)}
-    for number, one in enumerate(records):
-        for name, value in one.get("index", {}).items():
-            index[number, places[name]], score[number, places[name]] = value, one["scores"][name]
-    return table.assign(
-        health=(("record", "watched"), index, {"long_name": "condition index: 0 normal, 1 alarm"}),
-        score=(("record", "watched"), score, {"long_name": "deviation from normal, in standard deviations"}),
-        not_judged=("record", np.array([one.get("why", "") for one in records], dtype=np.str_)),
-    ).assign_coords(watched=np.array(watched, dtype=np.str_))
-
-
-def _coordinates(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dict[str, tuple[str, NDArray[Any]]]:
+def _coordinates(dim: str, names: Sequence[str], keys: Sequence[Key]) -> dict[str, tuple[str, NDArray[Any]]]:
     """Return the identity of the columns as coordinates ``line_channel``, ``line_kind`` and so on."""
     values = list(zip(*keys, strict=True)) if keys else [()] * len(names)
     integers = ("harmonic", "sideband")
@@ -267,13 +247,13 @@ _TREND_COLUMNS = (
 TOO_FEW = "too few to test"
 
 
-def _write_trends(rows: Sequence[Mapping[str, Any]], stream: TextIO) -> None:
-    """Write the trends as CSV in ascending order of their adjusted p values, untested ones last."""
-    writer = csv.DictWriter(stream, _TREND_COLUMNS, lineterminator="\n", restval="")
-    writer.writeheader()
-    for row in sorted(rows, key=lambda row: row.get("adjusted_p", 2.0)):
-        cells = {name: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for name, x in row.items()}
-        writer.writerow(cells)
+def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows as CSV, numbers with six digits; a column that a row lacks is empty."""
+    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({key: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for key, x in row.items()})
 
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from hums.analysis.result import Analysis
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
-from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import observation
 from hums.fleet.results import results
 from hums.fleet.state import read_state, write_state
@@ -75,7 +75,9 @@ def watch(
             kept = read_state(path)
         else:
             kept = MachineState(machine=facts["machine"], settings=settings or MonitorSettings())
-        kept.check(facts["machine"])
+        if facts["machine"] != kept.machine:
+            whose = f"of machine {facts['machine']!r} and the state of {kept.machine!r}"
+            raise MonitorError(f"the record is {whose}; keep a state for each.")
         found = update(kept, observation(facts | row), work=work)
         write_state(kept, path)
     return found

@@ -1,9 +1,8 @@
 """Monitoring of the machines of a fleet: alarms, baselines and condition indices, written into a folder."""
 
-import csv
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,7 @@ from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation, order_key, seconds_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.state import write_state
-from hums.records.fields import plain_cell
-from hums.records.outputs import atomic_write
+from hums.fleet.table import write_rows
 from hums.records.store import write_tree
 from signals.monitoring.slopes import series_slopes
 
@@ -149,14 +147,14 @@ def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``alarms.csv``, one row per alarm raised, oldest first."""
     rows = [alarm for history in histories for alarm in history.alarms]
     rows.sort(key=lambda row: (*order_key(row["recorded_at"], row["record"]), row["machine"], row["component"]))
-    _write(path, ALARM_COLUMNS, rows)
+    write_rows(path, ALARM_COLUMNS, rows)
 
 
 def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``components.csv``, one row per component of each machine, the most urgent first."""
     rows = [row for history in histories for row in _components(history)]
     rows.sort(key=lambda row: (-row["condition_index"] if row["condition_index"] != "" else math.inf, row["machine"]))
-    _write(path, COMPONENT_COLUMNS, rows)
+    write_rows(path, COMPONENT_COLUMNS, rows)
 
 
 def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
@@ -251,12 +249,3 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
                 },
             )
     write_tree(xr.DataTree.from_dict(groups), path)
-
-
-def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
-        writer.writeheader()
-        for row in rows:
-            cells = {name: row.get(name, "") for name in columns}
-            writer.writerow({name: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for name, x in cells.items()})
