@@ -232,7 +232,7 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
 
 
 def _course(kept: Sequence[StoredRecord]) -> _Course:
-    days = np.array([days_since_1970(one.recorded_at) for one in kept])
+    days = days_since_1970(one.recorded_at for one in kept)
     if np.isfinite(days).all():
         return _Course(records=kept, days=days - days[0], start_ms=round(86_400_000 * float(days[0])))
     return _Course(records=kept, days=np.arange(len(kept), dtype=np.float64), start_ms=None)

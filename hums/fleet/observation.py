@@ -2,10 +2,13 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hums.fleet.series import Series, joint_names, series_of
 
@@ -73,9 +76,9 @@ def seconds_since_1970(when: str) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def days_since_1970(when: str) -> float:
-    """Return the days since 1970 of an ISO 8601 time; NaN if invalid."""
-    return seconds_since_1970(when) / 86400
+def days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
+    """Return the days since 1970 of ISO 8601 times; NaN if invalid."""
+    return np.array([seconds_since_1970(when) for when in moments], dtype=np.float64) / 86400
 
 
 def order_key(recorded_at: str, record: str) -> tuple[Any, ...]:

@@ -180,41 +180,26 @@ def _titles(table: xr.Dataset, dim: str) -> list[str]:
 
 
 def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
-    lines = _titles(table, "line")
-    line_units, units = table["line_units"].to_numpy(), table["indicator_units"].to_numpy()
-    watched = [f"health: {name}" for name in table["watched"].to_numpy()]
-    header = [
-        *_FACTS,
-        "class",
-        "speed_hz",
-        "parts_not_judged",
-        "not_judged",
-        "condition_index",
-        *watched,
-        *(f"verdict: {title}" for title in _titles(table, "condition")),
-    ]
-    header += [f"{title} [{unit}]" for title, unit in zip(_titles(table, "indicator"), units, strict=True)]
-    header += [f"{title} [{unit}]" for title, unit in zip(lines, line_units, strict=True)]
+    lines, health = _titles(table, "line"), table["health"].to_numpy()
+    columns: dict[str, Iterable[str]] = {name: map(plain_cell, table[name].to_numpy()) for name in (*_FACTS, "class")}
+    columns["speed_hz"] = map(_number, table["speed_hz"].to_numpy())
+    columns |= {name: map(plain_cell, table[name].to_numpy()) for name in ("parts_not_judged", "not_judged")}
+    columns["condition_index"] = map(_number, np.fmax.reduce(health, axis=1, initial=np.nan))
+    for name, index in zip(table["watched"].to_numpy(), health.T, strict=True):
+        columns[f"health: {name}"] = map(_number, index)
+    for title, verdicts in zip(_titles(table, "condition"), table["verdict"].to_numpy().T, strict=True):
+        found = zip(table["error"].to_numpy(), verdicts, strict=True)
+        columns[f"verdict: {title}"] = ["" if error else VERDICTS[verdict] for error, verdict in found]
+    titles, units = (*_titles(table, "indicator"), *lines), (*table["indicator_units"].data, *table["line_units"].data)
+    header = [*columns, *(f"{title} [{unit}]" for title, unit in zip(titles, units, strict=True))]
     header += [f"{title} over background" for title in lines]
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(map(plain_cell, header))
-    facts = [table[name].to_numpy() for name in (*_FACTS, "class", "speed_hz")]
+    csv.writer(stream, lineterminator="\n").writerow(map(plain_cell, header))
     numbers = np.concatenate([table[name].to_numpy() for name in ("value", "amplitude", "snr")], axis=1)
     form = ",%.7g" * numbers.shape[1]
-    health = table["health"].to_numpy()
-    not_judged, parts = table["not_judged"].to_numpy(), table["parts_not_judged"].to_numpy()
-    for at, verdicts in enumerate(table["verdict"].to_numpy().tolist()):
-        row: list[Any] = [*(plain_cell(column[at]) for column in facts[:-1]), _number(facts[-1][at])]
-        row += [plain_cell(parts[at]), plain_cell(not_judged[at])]
-        row += map(_number, (_largest(health[at]), *health[at].tolist()))
-        row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
+    for row, values in zip(zip(*columns.values(), strict=True), numbers, strict=True):
         line = io.StringIO()
         csv.writer(line, lineterminator="").writerow(row)
-        stream.write(line.getvalue() + (form % tuple(numbers[at].tolist())).replace("nan", "") + "\n")
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(values, where=np.isfinite(values), initial=-np.inf)) if np.isfinite(values).any() else np.nan
+        stream.write(line.getvalue() + (form % tuple(values.tolist())).replace("nan", "") + "\n")
 
 
 def _number(value: float) -> str:
@@ -258,7 +243,7 @@ def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, A
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
     """Yield a row of ``trends.csv`` for each series that varies, by machine and regime."""
-    days, machines = _days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
+    days, machines = days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
     watched = [f"health: {name}" for name in table["watched"].to_numpy()]
     blocks = [
         (_titles(table, "indicator"), table["indicator_units"].to_numpy(), table["value"].to_numpy()),
@@ -271,8 +256,9 @@ def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[d
     scored = len(titles) - len(watched)
     regimes = table["regime"].to_numpy()
     for machine, regime in dict.fromkeys(zip(machines.tolist(), regimes.tolist(), strict=True)):
-        rows = (machines == machine) & (regimes == regime) & np.isfinite(days)
-        if rows.sum() >= FEWEST_SHOWN and np.ptp(days[rows]):
+        rows = np.flatnonzero((machines == machine) & (regimes == regime) & np.isfinite(days))
+        rows = rows[np.argsort(days[rows], kind="stable")]
+        if rows.size >= FEWEST_SHOWN and np.ptp(days[rows]):
             for row in _machine_trends(values[rows], days[rows], titles, units, scored, limits.get(machine, np.inf)):
                 yield {"machine": machine, "regime": regime} | row
 
@@ -286,27 +272,23 @@ def _machine_trends(
     limit: float,
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one machine; series from `scored` on are scores, which have a limit."""
-    order = np.argsort(days, kind="stable")
-    values, days = values[order], days[order]
-    known = np.isfinite(values).sum(axis=0)
     found = series_slopes(values, days)
     differ = np.isfinite(values) & (values != found.median)
-    for number in np.flatnonzero((known >= FEWEST_SHOWN) & differ.any(axis=0)).tolist():
+    for number in np.flatnonzero((found.points >= FEWEST_SHOWN) & differ.any(axis=0)).tolist():
         row: dict[str, Any] = {"series": titles[number], "units": str(units[number])}
-        row |= {"records": int(known[number]), "median": float(found.median[number])}
+        row |= {"records": int(found.points[number]), "median": float(found.median[number])}
         first, last = float(found.first[number]), float(found.last[number])
         row["change"] = last / first if number < scored and first > 0 else ""
         if np.isnan(found.slope[number]):
             yield row | {"trend": TOO_FEW}
             continue
-        for name, numbers in (
-            ("slope_per_day", found.slope),
-            ("slope_low", found.slope_low),
-            ("slope_high", found.slope_high),
-            ("p_value", found.p_value),
-            ("adjusted_p", found.discovery_rate),
-        ):
-            row[name] = float(numbers[number])
+        row |= {
+            "slope_per_day": float(found.slope[number]),
+            "slope_low": float(found.slope_low[number]),
+            "slope_high": float(found.slope_high[number]),
+            "p_value": float(found.p_value[number]),
+            "adjusted_p": float(found.discovery_rate[number]),
+        }
         row["trend"] = "none"
         if row["adjusted_p"] < SIGNIFICANCE:
             row |= {"trend": "rising" if found.rises[number] else "falling", "form": str(found.form[number])}
@@ -327,15 +309,10 @@ def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
 
 
 def _reason_for_no_trends(table: xr.Dataset) -> str:
-    dated = np.isfinite(_days_since_1970(table["recorded_at"].to_numpy()))
+    dated = np.isfinite(days_since_1970(table["recorded_at"].to_numpy()))
     if table.sizes["record"] and not dated.any():
         return "no trends: no record states its time; give recorded_at (hums convert --recorded-at)"
     most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
     if most < FEWEST:
         return f"no trends: a machine needs {FEWEST} records with recorded_at, and the largest number is {most}"
     return f"no trends: no series has {FEWEST} different values at different times"
-
-
-def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
-    """Return the days since 1970 of ISO 8601 times, NaN if invalid."""
-    return np.array([days_since_1970(when) for when in moments])

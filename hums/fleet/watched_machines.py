@@ -14,7 +14,7 @@ from hums.fleet.alarms import ALARM_COLUMNS, SEVERE
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import Observation, order_key, seconds_since_1970
+from hums.fleet.observation import Observation, days_since_1970, order_key
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.state import write_state
 from hums.fleet.table import write_rows
@@ -94,7 +94,7 @@ class MachineHistory:
         since = self.state.since.get(component, "")
         begun = [n for n, one in enumerate(self.records) if since and since in (one["recorded_at"], one["record"])]
         those = self.records[begun[-1] :] if begun else []
-        days = np.array([seconds_since_1970(one["recorded_at"]) / 86400 for one in those])
+        days = days_since_1970(one["recorded_at"] for one in those)
         scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
         return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
 
