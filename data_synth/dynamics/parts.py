@@ -383,7 +383,7 @@ def _with_planet_phase(
         stiffness = Shifted(of=stiffness, by_cycles=by)
     if given.error is None or not lag:
         return stiffness, given.error
-    return stiffness, SumOfErrors(parts=(given.error,), by_cycles=(float(-lag % given.error.period),))
+    return stiffness, SumOfErrors(parts=(given.error,), by_cycles=float(-lag % given.error.period))
 
 
 def _body_of(parts: Parts, contact: Contact, gear: int) -> str | None:

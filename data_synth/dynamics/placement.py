@@ -10,7 +10,7 @@ import numpy as np
 from data_synth.dynamics.elements import as_vector
 from data_synth.dynamics.system import Array, Vector
 from data_synth.gears.geometry import GearPair
-from hums.gearbox.components import Mesh
+from hums.gearbox.components import Mesh, planet_angles
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.layout.shapes import corner, rotated
 from hums.gearbox.model import Gearbox
@@ -399,11 +399,6 @@ def planet_position(gearbox: Gearbox, axis_name: str) -> Fraction:
     """Return the angle of a planet axis around its carrier, in rev from the first copy; 0 for a single one."""
     for axis in gearbox.axes:
         if axis.copies and axis_name in axis.instances():
-            number = axis.instances().index(axis_name)
-            given = axis.spacing_deg
-            if given is None:
-                return Fraction(number, axis.copies)
-            # as in the gearbox file: a list of angles begins with 0, a list of gaps does not
-            degrees = given[number] if given[0] == 0 else sum(given[:number])
-            return Fraction(degrees).limit_denominator(_FINE) / 360
+            angles_deg = planet_angles(axis.copies, axis.spacing_deg)
+            return Fraction(angles_deg[axis.instances().index(axis_name)]).limit_denominator(_FINE) / 360
     return Fraction(0)

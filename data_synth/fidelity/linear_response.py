@@ -109,12 +109,9 @@ class Response:
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
-        return self.in_channels(self._readings(mesh, self._resolvent(frequency_hz)).T, frequency_hz)
-
-    def in_channels(self, readings: ComplexArray, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes in the channels, (sensor, line), of readings (reading, line) in N."""
+        readings = self._resolvent(frequency_hz) @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh]
         outputs = np.zeros((len(self.motion.stage.scene.sensors), frequency_hz.size), dtype=np.complex128)
-        for reading, (channel, response) in zip(readings, self._routes, strict=True):
+        for reading, (channel, response) in zip(readings.T, self._routes, strict=True):
             outputs[channel] += reading * response(frequency_hz)
         return outputs
 
@@ -198,10 +195,6 @@ class Response:
     def deflections_by(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, line)."""
         return np.asarray((self.deflections * self.inputs[:, mesh]) @ self._resolvent(frequency_hz).T)
-
-    def _readings(self, mesh: int, resolvent: ComplexArray) -> ComplexArray:
-        """Return the complex amplitudes of the readings in N for 1 N of p, (line, reading)."""
-        return np.asarray(resolvent @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh])
 
     def _resolvent(self, frequency_hz: Array) -> ComplexArray:
         """Return the response (line, pole) of each pole to a unit of its excitation."""
@@ -315,7 +308,8 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
     # the same number in every cycle, sound or damaged: else the sampling of jumps would differ
     of_cycle = points * max(_LINES_OF_CYCLE, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * period * top_hz)))
-    phases = _phases(mesh, period << (of_cycle - 1).bit_length())
+    count = period << (of_cycle - 1).bit_length()
+    phases = (np.arange(count) + 0.5) * period / count
     mean = mesh.stiffness.mean
     stiffness = mesh.stiffness(phases)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
@@ -333,11 +327,6 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
 def _period(mesh: Mesh) -> int:
     """Return the mesh cycles after which stiffness and transmission error both repeat."""
     return math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
-
-
-def _phases(mesh: Mesh, points: int) -> Array:
-    """Return equidistant phases of a mesh period in cycles, half a step from its ends."""
-    return np.asarray((np.arange(points) + 0.5) * _period(mesh) / points)
 
 
 def spectral_lines(values: Array, count: int) -> ComplexArray:

@@ -139,22 +139,10 @@ class Eccentricity:
 
 @dataclass(frozen=True, kw_only=True)
 class SumOfErrors:
-    """Sum of several errors of either gear, ``sum part(phase + by)``, with one shift per part if `by_cycles` is given.
-
-    Raises
-    ------
-    ValueError
-        If `by_cycles` and `parts` differ in length.
-    """
+    """Sum of several errors of either gear, shifted in phase: ``sum part(phase + by_cycles)``."""
 
     parts: tuple[TransmissionError, ...]
-    by_cycles: tuple[float, ...] | None = None
-
-    def __post_init__(self) -> None:
-        if self.by_cycles is not None and len(self.by_cycles) != len(self.parts):
-            raise ValueError(
-                f"by_cycles has {len(self.by_cycles)} values for {len(self.parts)} parts; give one per part, or None."
-            )
+    by_cycles: float = 0.0
 
     @property
     def period(self) -> int:
@@ -165,8 +153,8 @@ class SumOfErrors:
     def jumps(self) -> tuple[float, ...]:
         """Phases at which a part or its slope jumps."""
         period, found = self.period, [np.zeros(0)]
-        for part, by in zip(self.parts, self.by_cycles or (0.0,) * len(self.parts), strict=True):
-            own = np.asarray(getattr(part, "jumps", ()), dtype=np.float64) - by
+        for part in self.parts:
+            own = np.asarray(getattr(part, "jumps", ()), dtype=np.float64) - self.by_cycles
             found.append((own + part.period * np.arange(period // part.period)[:, None]).ravel() % period)
         every = np.sort(np.concatenate(found))
         apart = np.diff(every, prepend=-1.0) > _NEAR
@@ -174,8 +162,5 @@ class SumOfErrors:
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return the error in m at phases in mesh cycles, any shape."""
-        phase = np.asarray(phase_cycles, dtype=np.float64)
-        shifts = self.by_cycles or (0.0,) * len(self.parts)
-        return np.asarray(
-            sum((part(phase + by) for part, by in zip(self.parts, shifts, strict=True)), np.zeros_like(phase))
-        )
+        phase = np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles
+        return np.asarray(sum((part(phase) for part in self.parts), np.zeros_like(phase)))

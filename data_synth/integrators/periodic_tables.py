@@ -67,10 +67,8 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
     """
     functions = [*functions, Wave(np.ones_like, 1)]
     tables = [_table(function, integrals=integrals) for function in functions]
-    width = sum(WIDTHS) if integrals else WIDTHS[0]
     counts = [starts.size for starts, *_ in tables]
     cells = np.cumsum([0, *(rows.shape[0] for *_, rows, _ in tables)])
-    none = np.zeros(0)
     segments = np.cumsum([0, *counts], dtype=np.int64)
     rates = [starts.size / function.period for (starts, *_), function in zip(tables, functions, strict=True)]
     lookups = [
@@ -81,16 +79,14 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
         periods=np.array([float(function.period) for function in functions]),
         means=np.array([mean for *_, mean in tables]),
         segments=segments,
-        starts=np.concatenate([none, *(starts for starts, *_ in tables)]),
-        densities=np.concatenate([none, *(densities for _, densities, *_ in tables)]),
-        firsts=np.concatenate(
-            [np.zeros(0, dtype=np.int64), *(t[2] + cell for t, cell in zip(tables, cells, strict=False))]
-        ),
-        counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
-        jumps=np.concatenate([np.zeros(0, dtype=np.bool_), *(t[4] for t in tables)]),
-        rows=np.concatenate([np.zeros((0, width)), *(rows for *_, rows, _ in tables)]),
+        starts=np.concatenate([starts for starts, *_ in tables]),
+        densities=np.concatenate([densities for _, densities, *_ in tables]),
+        firsts=np.concatenate([t[2] + cell for t, cell in zip(tables, cells, strict=False)]),
+        counts=np.concatenate([t[3] for t in tables]),
+        jumps=np.concatenate([t[4] for t in tables]),
+        rows=np.concatenate([rows for *_, rows, _ in tables]),
         lookup_rates=np.array(rates),
-        lookup=np.concatenate([np.zeros(0, dtype=np.int64), *lookups]).astype(np.int64),
+        lookup=np.concatenate(lookups).astype(np.int64),
     )
 
 

@@ -24,7 +24,7 @@ from data_synth.kinematic.ring_bending import RingMesh
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
-from hums.gearbox.components import Axis
+from hums.gearbox.components import Axis, planet_angles
 
 ComplexArray = NDArray[np.complex128]
 
@@ -228,7 +228,8 @@ def _places_on_carrier(
 ) -> tuple[Axis, Array]:
     """Return the axis of the planets of a mesh, and their angles (N,) in the carrier's sense, with displacements."""
     axis = next(axis for axis in scene.gearbox.axes if planets.planet in axis.links)
-    places = _places_rad(axis) * (1 if scene.ratio(planets.carrier) > 0 else -1)
+    angles_deg = planet_angles(axis.copies or 1, axis.spacing_deg)
+    places = np.radians(angles_deg) * (1 if scene.ratio(planets.carrier) > 0 else -1)
     displacements_m = planet_displacements_m(scene, axis, rng_for=rng_for)
     if displacements_m.any():
         mesh = next(mesh for mesh in scene.gearbox.meshes if mesh.name == mesh_name)
@@ -277,15 +278,6 @@ def _planet_family(
         carrier_offset=offset,
         phase_teeth=planets.phase_teeth,
     )
-
-
-def _places_rad(axis: Axis) -> Array:
-    """Return the angles of planets on their carrier, from the first: even, or as declared by angles or gaps."""
-    count = axis.copies or 1
-    if axis.spacing_deg is None:
-        return 2 * np.pi * np.arange(count) / count
-    given = np.array(axis.spacing_deg)
-    return np.asarray(np.radians(given if given[0] == 0 else np.cumsum(given) - given))
 
 
 def _planet_meshes(scene: Scene) -> dict[str, _PlanetMesh]:

@@ -20,7 +20,6 @@ from data_synth.scene.faults import ROW_OF, Fault, GearFault
 from data_synth.scene.machine_faults import BearingFault
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.scene.sensors import Sensor
 from data_synth.sources.families import harmonic_families, impact_trains, last_s, ratio_of
 from data_synth.transfer.acquisition import linear_chain
 from data_synth.transfer.housing import force_response, sensitive_direction
@@ -114,10 +113,7 @@ class PreparedScene:
         if not family_amplitudes:
             return
         times_s = np.arange(first, first + signal.shape[1]) / self.scene.rate_hz
-        if self.scene.fidelity == "kinematic":  # instants are uniform
-            position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
-        else:
-            position = np.interp(times_s, self.instants_s, np.arange(self.instants_s.size))
+        position = np.interp(times_s, self.instants_s, np.arange(self.instants_s.size))
         revolutions = self.drive.angle.revolutions(times_s)
         for family, amplitudes in family_amplitudes:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
@@ -132,9 +128,12 @@ class PreparedScene:
         if not lines:
             raise SceneError("planet_pass.ring: no sensor is on a stationary ring; place one there, or leave it out.")
         unit = in_units(self.scene, 1.0)
-        added = [_in_channels(family, unit * own, chains=self.chains, speed_hz=self.speed_hz) for family, own in lines]
-        families = [*self.families, *(family for family, _ in lines)]
-        return replace(self, families=families, amplitudes=[*self.amplitudes, *added])
+        families, amplitudes = [*self.families], [*self.amplitudes]
+        for family, own in lines:
+            frequencies_hz = np.outer([float(order) for order in family.orders], self.speed_hz)
+            families.append(family)
+            amplitudes.append(unit * own * np.stack([chain.response(frequencies_hz) for chain in self.chains]))
+        return replace(self, families=families, amplitudes=amplitudes)
 
     def impacts_at_source(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
         """Return the times (m,) in s of the impacts of a train of fault `number`, and their source amplitudes."""
@@ -350,17 +349,12 @@ def _speed_factor(exponent: float, scene: Scene, drive: Drive, times_s: Array) -
 def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[str, ComplexArray]:
     """Return the gain of each source to each sensor, with the transverse motion of the sensor."""
     along = sensor_gains(sources, sensors=len(scene.sensors), rng_for=rng_for)
-    shares = np.array([_cross_axis_share(sensor) for sensor in scene.sensors])
+    shares = np.array([sensor.cross_axis.share if sensor.cross_axis else 0.0 for sensor in scene.sensors])
     if not shares.any():
         return along
     # one more sensor, since the gain of the first is fixed at 1
     across = sensor_gains(sources, sensors=shares.size + 1, rng_for=lambda *words: rng_for(*words, "across"))
     return {source: gains + shares * across[source][1:] for source, gains in along.items()}
-
-
-def _cross_axis_share(sensor: Sensor) -> float:
-    """Return the transverse sensitivity of a sensor."""
-    return sensor.cross_axis.share if sensor.cross_axis is not None else 0.0
 
 
 def _line_amplitudes(
@@ -399,14 +393,6 @@ def _line_amplitudes(
     # the exponent of the scene applies to declared amplitudes; a force has its own
     declared = scene.excitation.speed_exponent if family.force is None else 0.0
     return np.asarray(found * _speed_factor(declared, scene, drive, instants_s))
-
-
-def _in_channels(
-    family: HarmonicFamily, amplitudes: ComplexArray, *, chains: Sequence[AnalogFilter], speed_hz: Array
-) -> ComplexArray:
-    """Return the amplitudes of a family after the linear chain of each channel."""
-    frequencies = np.outer([float(order) for order in family.orders], speed_hz)
-    return np.asarray(amplitudes * np.stack([chain.response(frequencies) for chain in chains]))
 
 
 def _check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:

@@ -114,20 +114,16 @@ def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.
     Their starts are a Poisson process; overlapping gaps are merged.
     """
     duration_s = signal.size / rate_hz
-    initial_states = np.sort(duration_s * rng.random(rng.poisson(drops.per_second * duration_s)))
-    firsts = np.ceil(initial_states * rate_hz).astype(np.int64)
+    starts_s = np.sort(duration_s * rng.random(rng.poisson(drops.per_second * duration_s)))
+    firsts = np.ceil(starts_s * rate_hz).astype(np.int64)
+    firsts = firsts[firsts < signal.size]
     ends = np.minimum(firsts + max(1, round(drops.duration_s * rate_hz)), signal.size)
-    spans: list[list[int]] = []
-    for first, end in zip(firsts, ends, strict=True):
-        if first < end:
-            if spans and first <= spans[-1][1]:
-                spans[-1][1] = max(spans[-1][1], int(end))
-            else:
-                spans.append([int(first), int(end)])
-    for first, end in spans:
+    apart = firsts > np.concatenate([[-1], ends])[:-1]
+    spans = np.stack([firsts[apart], ends[np.roll(apart, -1)]], axis=1)
+    for first, end in spans.tolist():
         held = signal[first - 1] if first else 0.0
         signal[first:end] = {"nan": np.nan, "zero": 0.0, "hold": held}[drops.reads]
-    return np.array(spans, dtype=np.float64).reshape(-1, 2) / rate_hz
+    return np.asarray(spans / rate_hz)
 
 
 def measured_filter(path: MeasuredPath, chain: AnalogFilter, *, rate_hz: float, sensor: Sensor) -> FirFilter:

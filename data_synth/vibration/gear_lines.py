@@ -80,12 +80,8 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     return Candidates(orders=orders, sources=tuple(found[number] for number in numbers))
 
 
-def repetition_order(scene: Scene) -> Fraction:
-    """Return the order of which all candidates are integer multiples, at which steady motion repeats."""
-    return _unit_of(*_bases_of(scene))
-
-
 def _unit_of(bases: list[_Base], passes: dict[str, tuple[Fraction, int]]) -> Fraction:
+    """Return the order of which all candidates are integer multiples, at which steady motion repeats."""
     orders = [*(base[0] for base in bases), *(carrier for carrier, _ in passes.values())]
     return Fraction(1, math.lcm(*(order.denominator for order in orders)))
 
@@ -195,7 +191,7 @@ def samples_compared(prepared: PreparedScene, scene: Scene) -> int:
     if not is_steady(prepared, scene):
         return whole
     speed_hz = float(np.max(np.abs(prepared.speed_hz)))
-    turns = max(1 / float(repetition_order(scene)), _FEWEST_TURNS)
+    turns = max(1 / float(_unit_of(*_bases_of(scene))), _FEWEST_TURNS)
     return min(whole, math.ceil(turns / speed_hz * scene.rate_hz)) if speed_hz else whole
 
 

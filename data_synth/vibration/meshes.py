@@ -3,11 +3,9 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from data_synth.dynamics.parts import MeshProperties, power_flow
 from data_synth.dynamics.placement import Contact, contacts_of, opposite_mesh_lead, planet_of, planet_phase_lag
@@ -82,14 +80,10 @@ def kinematics_of(scene: Scene) -> Kinematics:
 
 @dataclass(frozen=True, kw_only=True)
 class Gears:
-    """Kinematics of a scene with geometry, and the teeth of its meshes: the same at every fidelity.
-
-    `teeth` has the teeth of each contact by name, `meshes` the mesh of each contact: planets share one.
-    """
+    """Kinematics of a scene with geometry, and the teeth of each contact by name: the same at every fidelity."""
 
     kinematics: Kinematics
     teeth: Mapping[str, Teeth] = field(repr=False)
-    meshes: Mapping[str, str]
 
 
 def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[str, float] | None = None) -> Gears:
@@ -116,7 +110,6 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[
             )
             for contact in contacts
         },
-        meshes={contact.name: contact.mesh for contact in contacts},
     )
 
 
@@ -224,7 +217,7 @@ def _history(
 ) -> MeshHistory:
     """Return growing damage delayed by `late` cycles; identical objects remain identical."""
     softer = {id(each): Shifted(of=each, by_cycles=-late % each.period) for each in stiffnesses}
-    further = {id(each): each and SumOfErrors(parts=(each,), by_cycles=(-late % each.period,)) for each in errors}
+    further = {id(each): each and SumOfErrors(parts=(each,), by_cycles=-late % each.period) for each in errors}
     return MeshHistory(
         times_s=times_s,
         stiffnesses=tuple(softer[id(each)] for each in stiffnesses),
@@ -295,7 +288,7 @@ def _errors(
                 sharing=sharing,
                 stiffness_too=own,
             )
-        return SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
+        return SumOfErrors(parts=tuple(parts), by_cycles=by_cycles) if parts else None
 
     found = _of_stages(stages, lambda each: (*_lost(each), each.runout_m), summed)
     if any(each is not None for each in found):  # a missing tooth has none
@@ -390,7 +383,7 @@ def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, b
     )
     if shape == "teeth":
         teeth = _by_strain_energy(contact, declared.stiffness_n_m, damaged)
-        return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)
+        return Knotted(of=teeth, by_cycles=by_cycles)
     mean = declared.stiffness_n_m or pair.mean_stiffness()
     ratio = declared.contact_ratio or pair.contact_ratio
     if shape in ("rectangular", "fourier"):
@@ -432,22 +425,15 @@ def _declared_wave(declared: MeshDynamics, mesh: str, *, mean: float, ratio: flo
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knotted:
-    """`TeethInMesh` delayed by some cycles, with kinks listed among its jumps: it is smooth between them.
+class Knotted(Shifted):
+    """`TeethInMesh` shifted in phase, with kinks listed among its jumps: it is smooth between them.
 
-    A table with few cells therefore suffices. `period` is that of the teeth.
+    A table with few cells therefore suffices.
     """
 
     of: TeethInMesh
-    by_cycles: float
-    period: int
 
-    @cached_property
-    def mean(self) -> float:
-        """Mean over a period in N/m."""
-        return self.of.mean
-
-    @cached_property
+    @property
     def jumps(self) -> tuple[float, ...]:
         """Phases of jumps of the value or its slope."""
         within = np.remainder(self.of.path_cycles, 1.0)
@@ -456,10 +442,6 @@ class Knotted:
         every = np.sort(np.remainder(every - self.by_cycles, self.period))
         apart = np.concatenate([[True], np.diff(every) > _NEAR])
         return tuple(every[apart].tolist())
-
-    def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
-        return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
 def _tooth_pair(contact: Contact) -> ToothPair:

@@ -18,7 +18,7 @@ from data_synth.dynamics.elements import BearingShaft
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
-from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Load, Output, Problem, State, Steps
+from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Output, Problem, State, Steps
 from data_synth.operation.drive import ReferenceAngle
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.scene.faults import LOSING_CONTACT, GearFault
@@ -68,7 +68,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links
-                for name in _copies(scene, link)
+                for name in scene.gearbox.instances(link)
             },
             supports=dict(_supports(scene, kinematics)),
             meshes={name: teeth.properties for name, teeth in gears.teeth.items()},
@@ -88,11 +88,6 @@ def has_crossed_axes(kinematics: Kinematics) -> bool:
     """Return whether some axis is not parallel to the others."""
     first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
     return not all(are_parallel(first, other) for other in others)
-
-
-def _copies(scene: Scene, name: str) -> tuple[str, ...]:
-    """Return the links of a declared name with copies, or the name itself."""
-    return scene.gearbox.instances(name) if name in scene.gearbox.copied else (name,)
 
 
 def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
@@ -120,7 +115,7 @@ def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Suppo
             damping_s=item.damping_s,
             shaft=shafts.get(link),
         )
-        yield from ((name, hold) for name in _copies(scene, link))
+        yield from ((name, hold) for name in scene.gearbox.instances(link))
 
 
 # ---- Anti-aliasing of mesh forces that jump --------------------------------------------------------------------------
@@ -259,11 +254,6 @@ class Motion:
         return replace(self, eased=True, system=replace(self.system, damping=self.system.damping + added))
 
     @property
-    def load(self) -> Load:
-        """External load on the system."""
-        return self.drive_load.load
-
-    @property
     def teeth_angle(self) -> ReferenceAngle:
         """Angle of the reference shaft that determines the mesh phases."""
         rpm = self.stage.scene.dynamics_or_default.mesh_rpm
@@ -392,7 +382,7 @@ class Motion:
         return Problem(
             system=self.system,
             reference=self.teeth_angle,
-            load=self.load,
+            load=self.drive_load.load,
             duration_s=duration_s,
             start=self.drive_load.start(self.system, self.stage.drive, start_s, errors_m=errors_m, eased=self.eased),
             start_s=start_s,

@@ -443,16 +443,14 @@ class TestErrors:
 
     def test_errors_add_up(self):
         parts = (Eccentricity(teeth=6, eccentricity_m=1e-6), Eccentricity(teeth=4, eccentricity_m=2e-6))
-        both = SumOfErrors(parts=parts, by_cycles=(0.0, 1.5))
+        both = SumOfErrors(parts=parts, by_cycles=1.5)
         assert both.period == 12
-        assert_allclose(both(PHASES), parts[0](PHASES) + parts[1](PHASES + 1.5), atol=1e-20)
-        with pytest.raises(ValueError, match="by_cycles has 1 values for 2 parts"):
-            SumOfErrors(parts=parts, by_cycles=(0.0,))
+        assert_allclose(both(PHASES), parts[0](PHASES + 1.5) + parts[1](PHASES + 1.5), atol=1e-20)
 
     def test_parts_that_repeat_after_different_cycles_go_on_at_their_own_phase(self):
         # every part by its formula, cycle for cycle; the pitch error's teeth enter one after the other
         teeth = 1e-6 * np.array([1.0, 3.0, -2.0, 0.5, -1.0])
-        inner = SumOfErrors(parts=(Eccentricity(teeth=4, eccentricity_m=5e-6),), by_cycles=(0.75,))
+        inner = SumOfErrors(parts=(Eccentricity(teeth=4, eccentricity_m=5e-6),), by_cycles=0.75)
         parts = (
             ProfileError(harmonics_m=np.array([2e-6])),
             PitchError(teeth_m=teeth, handover=0.0),
@@ -461,7 +459,8 @@ class TestErrors:
             inner,
         )
         late = (0.3, 2.5, 0.0, 4.25, 1.0)
-        both = SumOfErrors(parts=parts, by_cycles=late)
+        later = [SumOfErrors(parts=(part,), by_cycles=by) for part, by in zip(parts, late, strict=True)]
+        both = SumOfErrors(parts=tuple(later))
         phases = np.arange(-900, 900) * 0.7531  # some hundred cycles, of all fractions
 
         def expected(phase):

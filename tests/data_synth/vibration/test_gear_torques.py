@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 
 def torque_on(motion, body, times_s):
-    load = motion.load
+    load = motion.drive_load.load
     return (load.constant + load.varying_at(times_s))[:, motion.system.names.index(f"{body} rotation")]
 
 
