@@ -63,7 +63,7 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
         for alarm in update(state, seen).alarms:
             if not alarm["component"].startswith("sensor") and not what:
                 first, what = number / len(runs), alarm["indicator"]
-    return len(runs), first, what, any(alarm["state"] == "raised" for alarm in state.open.values())
+    return len(runs), first, what, any(alarm["state"] == "raised" for alarm in state.standing.values())
 
 
 def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
@@ -88,6 +88,6 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
         found = history.last
         if found is not None:
             worst = max(found.index, key=lambda name: found.index[name])
-            alarm = state.open.get(worst, {"state": ""})
+            alarm = state.standing.get(worst, {"state": ""})
             words = f"{alarm['severity']}: {alarm['indicator']}" if alarm["state"] == "raised" else ""
             yield when, found.index[worst], f"{found.ratio[worst]:.3g} times normal", worst, words

@@ -10,7 +10,8 @@
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from signals.monitoring.limits import AT_ONCE, OF, WITHIN
 
@@ -41,13 +42,16 @@ class Alarm:
     """Alarm of a component after the latest record.
 
     ``state`` is one of the words above; ``recent`` states for each of the latest judged records whether it reached the
-    limit, ``quiet`` counts consecutive low records, ``raised_at`` is the index when the alarm was last raised.
+    limit, ``quiet`` counts consecutive low records, ``raised_at`` is the index when the alarm was last raised;
+    ``since`` is the time at which the CUSUM last left zero, and ``row`` the latest row of ``alarms.csv``.
     """
 
     state: str = CLEAR
     recent: tuple[bool, ...] = ()
     quiet: int = 0
     raised_at: float = 1.0
+    since: str = ""
+    row: dict[str, Any] = field(default_factory=dict)
 
     def step(self, index: float, *, bursts: bool = False) -> bool:
         """Update the alarm by the condition index of a record, NaN where not judged; return whether it is raised.
@@ -64,17 +68,18 @@ class Alarm:
             self.state, self.recent, self.raised_at = RAISED, (), index
             return True
         if self.state == ACKNOWLEDGED and self.quiet >= _QUIET:
-            self.state, self.recent = CLEAR, ()
+            self.recent = ()
+            self.clear()
         return False
+
+    def clear(self) -> None:
+        """Clear the alarm."""
+        self.state, self.row["state"] = CLEAR, "cleared"
 
     def acknowledge(self) -> bool:
         """Acknowledge the alarm where it is raised, and return whether it was."""
         if self.state != RAISED:
             return False
         self.state, self.recent, self.quiet = ACKNOWLEDGED, (), 0
+        self.row["state"] = ACKNOWLEDGED
         return True
-
-    @property
-    def word(self) -> str:
-        """State of an alarm after it has been raised."""
-        return "cleared" if self.state == CLEAR else self.state

@@ -133,7 +133,7 @@ def _machine(
         "style": _STYLES.get(_state(history), "unknown"),
         "index": f"{index:.2f}" if component else "",
         "component": component,
-        "since": _short(state.since.get(component, "")),
+        "since": _short(state.alarms[component].since) if component else "",
         "driver": f"{driver.replace('_', ' ')}, {channel}" if driver else "",
         "course": _small_course(history),
         "refused": f"{state.refused / seen:.0%}" if seen else "",
@@ -196,12 +196,12 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
         text = f"{component}: {driver.replace('_', ' ')} of {channel}"
         if math.isfinite(ratio := history.last.ratio[component] if history.last else math.nan):
             text += f" {ratio:,.3g} times normal"
-        text += f", since {_short(state.since[component])}" if state.since.get(component) else ""
+        text += f", since {_short(since)}" if (since := state.alarms[component].since) else ""
         growth, seldom = history.growth_per_day(component), history.once_in_records(component)
         text += f", growing by {growth:.2g} standard deviations per day; inspect." if growth > 0 else "; inspect."
         often = f"once in {float(f'{seldom:.2g}'):,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
         text += f" An unchanged component reaches its condition index, {index:.2f}, {often} records."
-        follows = state.open.get(component, {}).get("consequences", "")
+        follows = state.standing.get(component, {}).get("consequences", "")
         text += f" Consequences: {follows}." if follows else ""
     if state.unwatched_since:
         text += f" Not monitored since {state.unwatched_since}: later records were refused."
@@ -272,9 +272,7 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
 
 def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], component: str, name: str) -> Figure:
     """Return the series with the largest deviations, each in its unit against time."""
-    if epoch.normal is None:
-        raise ValueError("a baseline that is not learned has no normal values; omit the figure.")
-    center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
+    center = dict(zip(epoch.series, epoch.learned[0].raw.center.tolist(), strict=True))
     logs = np.array([vector(one.observation.values, drivers) for one in course.records])
     panels = []
     for key, values in zip(drivers, np.exp(logs).T, strict=True):

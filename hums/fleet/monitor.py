@@ -31,7 +31,7 @@ from hums.fleet.series import (
     prior_of,
     vector,
 )
-from signals.monitoring.charts import ChartState
+from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.health import Normal, Reading, learn_machine, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
 
@@ -41,7 +41,6 @@ MOST_LEVERAGE = 1.0
 """Variance of the prediction over that of the series above which a record is not judged: the regression would add as
 much scatter as the record itself has (our choice)."""
 _DRIVERS = 3  # indicators an alarm names
-_INCOMPLETE = "this baseline is incomplete; monitor more records first."
 
 
 @dataclass(kw_only=True)
@@ -68,8 +67,15 @@ class Epoch:
     limits: MachineLimits | None = None
     headroom: Array = field(default_factory=lambda: np.ones(0))
     bursts: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    charts: ChartState | None = None
+    charts: ChartState = field(default_factory=Charts().start)
     recent: Array | None = None
+
+    @property
+    def learned(self) -> tuple[Normal, MachineLimits]:
+        """What is normal, and the limits; MonitorError if the baseline is not learned."""
+        if self.normal is None or self.limits is None:
+            raise MonitorError("this baseline is incomplete; monitor more records first.")
+        return self.normal, self.limits
 
     @property
     def watched(self) -> Mapping[str, tuple[int, ...]]:
@@ -112,25 +118,20 @@ class Epoch:
             if not low <= value <= high:
                 return f"{name} = {value:.4g} outside {low:.4g} to {high:.4g}"
         at = np.array([seen.covariates[name] for name in self.covariates])
-        if self.normal is not None and self.normal.series.leverage(_logarithms(at)) > MOST_LEVERAGE:
+        if self.learned[0].series.leverage(_logarithms(at)) > MOST_LEVERAGE:
             return f"{', '.join(self.covariates)} too far from those of the baseline to predict normal values"
         return ""
 
     def read(self, seen: Observation, recent: Array | None = None) -> Reading:
         """Return a record relative to the baseline."""
-        if self.normal is None:
-            raise MonitorError(_INCOMPLETE)
         at = np.array([seen.covariates[name] for name in self.covariates])
-        return self.normal.read(vector(seen.values, self.series), _logarithms(at), recent)
+        return self.learned[0].read(vector(seen.values, self.series), _logarithms(at), recent)
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
-        if self.limits is None or self.charts is None:
-            raise MonitorError(_INCOMPLETE)
-        reading = self.read(seen, self.recent)
-        self.recent = reading.recent
-        self.charts = self.limits.charts.step(self.charts, reading.scores)
-        index = np.where(np.isfinite(reading.scores), self.limits.index(self.charts) / self.headroom, np.nan)
+        limits, reading = self.learned[1], self.read(seen, self.recent)
+        self.recent, self.charts = reading.recent, limits.charts.step(self.charts, reading.scores)
+        index = np.where(np.isfinite(reading.scores), limits.index(self.charts) / self.headroom, np.nan)
         return reading, index
 
 
@@ -152,10 +153,6 @@ class MachineState:
         Epoch of each component that is not governed by that of the whole machine.
     alarms : dict of str to Alarm
         Of each component.
-    since : dict of str to str
-        Time at which the CUSUM of each component last left zero.
-    open : dict of str to dict
-        Latest alarm of each component, a row of ``alarms.csv``.
     judged, refused : int
         Numbers of records judged, and refused: outside the range of the baseline, with a faulty tachometer, or not
         analysed.
@@ -173,8 +170,6 @@ class MachineState:
     regime: str = ""
     governed_by: dict[str, int] = field(default_factory=dict)
     alarms: dict[str, Alarm] = field(default_factory=dict)
-    since: dict[str, str] = field(default_factory=dict)
-    open: dict[str, dict[str, Any]] = field(default_factory=dict)
     judged: int = 0
     refused: int = 0
     unwatched_since: str = ""
@@ -199,10 +194,16 @@ class MachineState:
             return 0
         return max(self.governed_by.get(part, 0) for part in component_parts(component))
 
+    @property
+    def standing(self) -> dict[str, dict[str, Any]]:
+        """Rows in ``alarms.csv`` of the alarms that are raised or acknowledged, by component."""
+        return {
+            name: alarm.row for name, alarm in self.alarms.items() if alarm.row.get("state", "cleared") != "cleared"
+        }
+
     def cause_of(self, name: str) -> str:
         """Return the component whose standing alarm explains a component's rise, or an empty string."""
-        rows = {cause: row for cause, row in self.open.items() if row["state"] != "cleared"}
-        return next((cause for cause, row in rows.items() if name in row["consequences"].split("; ")), "")
+        return next((cause for cause, row in self.standing.items() if name in row["consequences"].split("; ")), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,7 +355,6 @@ def _judged(
     rises = list[_Rise]()
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
-        rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
         ranked, closeness = _ranked(epoch, reading), np.nan_to_num(indices, nan=-np.inf).tolist()
         for name, places in epoch.watched.items():
             component, _, what = name.partition(": ")
@@ -365,8 +365,8 @@ def _judged(
             index[name] = max(1.0, charts) if diagnosed else charts  # at the limit because of the verdict alone
             scores[name] = float(reading.scores[places[0]])
             alarm = state.alarms.setdefault(name, Alarm())
-            if rising[place] <= 1 and not any(alarm.recent):
-                state.since[name] = seen.recorded_at or seen.record
+            if epoch.charts.rising[place] <= 1 and not any(alarm.recent):
+                alarm.since = seen.recorded_at or seen.record
             growth[name], ratio[name] = _driver(epoch, reading, name, ranked[place][0])
             before = replace(alarm)
             if alarm.step(index[name], bursts=bool(epoch.bursts[place])):
@@ -378,8 +378,6 @@ def _judged(
                     severity = severity if charts >= 1 else "verdict"
                 row = _alarm(state, seen, name, drivers, value=index[name], severity=severity, baseline=epoch.identity)
                 rises.append(_Rise(name, bool(what) or diagnosed, before, row))
-            elif name in state.open:
-                state.open[name]["state"] = state.alarms[name].word
     alarms += _causes(state, rises, index)
     return Judgement(judged=True, index=index, scores=scores, growth=growth, ratio=ratio, alarms=tuple(alarms))
 
@@ -396,16 +394,16 @@ def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, flo
         name, whole = rise.name, rise.name.startswith(WHOLE_SIGNAL)
         standing = {
             other: index.get(other, row["value"])
-            for other, row in state.open.items()
-            if row["state"] != "cleared" and ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
+            for other, row in state.standing.items()
+            if ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
         }
         cause = max(standing, key=lambda other: standing[other], default="")
         if not cause or rise.named or (not whole and index[name] >= AGAIN * standing[cause]):
-            state.open[name] = rise.row
+            state.alarms[name].row = rise.row
             alarms.append(rise.row)
         else:
-            listed = {*filter(None, state.open[cause]["consequences"].split("; ")), name}
-            state.open[cause]["consequences"] = "; ".join(sorted(listed))
+            row = state.alarms[cause].row
+            row["consequences"] = "; ".join(sorted({*filter(None, row["consequences"].split("; ")), name}))
             state.alarms[name] = replace(state.alarms[name], state=rise.before.state, raised_at=rise.before.raised_at)
     return alarms
 
@@ -421,9 +419,7 @@ def _watched(names: tuple[str, ...], channels: tuple[str, ...]) -> Mapping[str, 
 
 def _ranked(epoch: Epoch, reading: Reading) -> list[list[int]]:
     """Return the series of each score, the largest deviation first; -1 fills up, and stands for a level."""
-    if epoch.normal is None:
-        raise MonitorError(_INCOMPLETE)
-    components = epoch.normal.layout.of_components
+    components = epoch.learned[0].layout.of_components
     order = np.argsort(-components.table(reading.departures), axis=1, kind="stable")  # NaN last
     ranked: list[list[int]] = np.take_along_axis(components.series, order, axis=1).tolist()
     return ranked + [[-1]] * (2 * len(epoch.channels))
@@ -474,7 +470,7 @@ def _alarm(
         "indicator": "; ".join(dict.fromkeys(word for _, word in drivers)),
         "record": seen.record,
         "recorded_at": seen.recorded_at,
-        "since": state.since.get(name) or seen.recorded_at or seen.record,
+        "since": state.alarms[name].since or seen.recorded_at or seen.record,
         "value": value,
         "false_alarm_every": state.settings.false_alarm_every,
         "severity": severity,
@@ -506,8 +502,9 @@ def _unjudged_verdicts(
         epoch, shown = epochs[number], component in seen.diagnosed
         if (number in readings and component in epoch.names) or not (shown or epoch.normal is None):
             continue
-        if shown and not any(state.alarms.get(component, Alarm()).recent):
-            state.since[component] = seen.recorded_at or seen.record
+        alarm = state.alarms.setdefault(component, Alarm())
+        if shown and not any(alarm.recent):
+            alarm.since = seen.recorded_at or seen.record
         driver = ("", _verdict_words(epoch, component))
         alarms += _stepped(state, seen, component, shown, driver, severity="verdict", baseline=epoch.identity)
     return alarms
@@ -517,12 +514,11 @@ def _stepped(
     state: MachineState, seen: Observation, name: str, shown: bool, driver: tuple[str, str], **more: str
 ) -> list[dict[str, Any]]:
     """Update an alarm whose index is 1 in records that show it, else 0; return its row if it is raised."""
-    if state.alarms.setdefault(name, Alarm()).step(float(shown)):
-        state.open[name] = _alarm(state, seen, name, [driver], value=1.0, **more)
-        return [state.open[name]]
-    if name in state.open:
-        state.open[name]["state"] = state.alarms[name].word
-    return []
+    alarm = state.alarms.setdefault(name, Alarm())
+    if not alarm.step(float(shown)):
+        return []
+    alarm.row = _alarm(state, seen, name, [driver], value=1.0, **more)
+    return [alarm.row]
 
 
 def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
@@ -564,17 +560,13 @@ def _acknowledge(state: MachineState, component: str) -> None:
     for name, alarm in state.alarms.items():
         if _of(name, component) and alarm.acknowledge():
             _restart_charts(state, name)
-            if name in state.open:
-                state.open[name]["state"] = state.alarms[name].word
 
 
 def _restart_charts(state: MachineState, name: str) -> None:
     """Restart the charts of an acknowledged alarm, so that only later records decide whether it clears."""
     for epoch in (stratum[state.epoch_of(name.partition(": ")[0])] for stratum in state.strata.values()):
-        if epoch.charts is None or epoch.limits is None:
-            continue
         for place in epoch.watched.get(name, ()):
-            epoch.charts = epoch.limits.charts.restart(epoch.charts, place)
+            epoch.charts = epoch.learned[1].charts.restart(epoch.charts, place)
 
 
 def _replace(state: MachineState, component: str) -> None:
@@ -587,10 +579,8 @@ def _replace(state: MachineState, component: str) -> None:
         state.strata[name] = {number: epoch for number, epoch in after.items() if number in used}
     for name in list(state.alarms):
         if _of(name, component):
+            state.alarms[name].clear()
             state.alarms[name] = Alarm()
-            state.since.pop(name, None)
-            if name in state.open:
-                state.open[name]["state"] = "cleared"
 
 
 # ---- as text ---------------------------------------------------------------------------------------------------------
@@ -603,10 +593,9 @@ def _logarithms(covariates: Array) -> Array:
 
 def _identity(machine: str, epoch: Epoch) -> str:
     """Return twelve digits of a hash of a baseline's machine, records, series and numbers."""
-    if epoch.normal is None:
-        return ""
+    normal, _ = epoch.learned
     text = json.dumps([machine, epoch.records, [asdict(key) for key in epoch.series]], sort_keys=True)
-    numbers = (epoch.normal.series.center, epoch.normal.series.scale, epoch.normal.score_scale)
+    numbers = (normal.series.center, normal.series.scale, normal.score_scale)
     digest = hashlib.sha256(text.encode())
     for each in numbers:
         digest.update(np.ascontiguousarray(each, dtype="<f8").tobytes())

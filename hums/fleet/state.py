@@ -21,7 +21,7 @@ from signals.monitoring.health import Layout, Normal
 from signals.monitoring.limits import MachineLimits
 from signals.monitoring.location import SeriesBaseline
 
-SCHEMA = "hums-watch/10"
+SCHEMA = "hums-watch/11"
 _KINDS = {
     kind.__name__: kind
     for kind in (

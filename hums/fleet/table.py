@@ -34,7 +34,6 @@ SIGNIFICANCE = 0.01
 VERDICTS = ("none", "indicated", "diagnosed", "not judged")
 _CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
-_NOT_JUDGED: Mapping[str, Any] = {"index": {}, "scores": {}, "why": ""}
 FEWEST_SHOWN = 2  # values of which a change is shown
 _RECENT_POINTS = 300  # of a forecast: what lies before says little about the slope now
 Key = tuple[Any, ...]
@@ -112,7 +111,7 @@ def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, An
         for one in records
     ]
     conditions = tuple(dict.fromkeys((component, kind) for one in records for component, kind, _ in one.findings))
-    judged = [health.get(one.record, _NOT_JUDGED) for one in records]
+    judged = [health.get(one.record, {"index": {}, "scores": {}, "why": ""}) for one in records]
     watched = sorted({name for one in judged for name in one["index"]})
     index, score = (_filled([one[what] for one in judged], watched, missing=np.nan) for what in ("index", "scores"))
     return xr.Dataset(

@@ -91,7 +91,7 @@ class MachineHistory:
 
         It is the median slope of at least five records since then.
         """
-        since = self.state.since.get(component, "")
+        since = self.state.alarms[component].since if component in self.state.alarms else ""
         begun = [n for n, one in enumerate(self.records) if since and since in (one["recorded_at"], one["record"])]
         those = self.records[begun[-1] :] if begun else []
         days = days_since_1970(one["recorded_at"] for one in those)
@@ -184,7 +184,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "component": name,
             "condition_index": index if math.isfinite(index) else "",
             "state": f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state,
-            "since": state.since.get(name, ""),
+            "since": alarm.since,
             "channel": channel,
             "indicator": indicator,
             "departure": departure,
@@ -204,9 +204,9 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "hums-baseline/1"})}
     for history in histories:
         for epoch in history.state.baselines:
-            if epoch.normal is None or epoch.limits is None:
+            if not epoch.identity:
                 continue
-            normal = epoch.normal
+            normal, limits = epoch.learned
             columns = {
                 name: ("series", np.array([getattr(key, name) for key in epoch.series], dtype=np.str_))
                 for name in ("channel", "component", "kind", "indicator", "unit")
@@ -232,7 +232,7 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
                     "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
                     "limit": (
                         ("watched", "chart"),
-                        epoch.limits.limits[:, : len(epoch.names)].T,
+                        limits.limits[:, : len(epoch.names)].T,
                         {"long_name": "in deviations of the score"},
                     ),
                 },

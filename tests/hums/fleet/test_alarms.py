@@ -33,7 +33,7 @@ class TestAcknowledging:
 
     def test_it_clears_after_a_quiet_time_and_is_raised_again(self):
         alarm, raised = follow([0.4, 0.6, *[0.4] * 10], self.acknowledged())
-        assert (alarm.state, alarm.word, raised) == ("clear", "cleared", [])
+        assert (alarm.state, alarm.row["state"], raised) == ("clear", "cleared", [])
         assert follow([1, 1], alarm)[1] == [1]
 
     def test_it_is_raised_anew_when_it_has_doubled(self):

@@ -301,5 +301,5 @@ class TestMaintenance:
     def test_an_acknowledged_alarm_clears_when_it_is_quiet(self):
         healed = [*self.COURSE[:50], *(observed(number) for number in range(50, 140))]
         work = [Work(date="2026-04-19", action="acknowledged")]
-        assert followed(healed)[0].open["stage 1/pinion"]["state"] == "raised"
-        assert followed(healed, work=work)[0].open["stage 1/pinion"]["state"] == "cleared"
+        assert followed(healed)[0].alarms["stage 1/pinion"].row["state"] == "raised"
+        assert followed(healed, work=work)[0].alarms["stage 1/pinion"].row["state"] == "cleared"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fleets import HEALTHY, PINION, kept, observed
 
-from hums.fleet.alarms import ALARM_COLUMNS
+from hums.fleet.alarms import ALARM_COLUMNS, Alarm
 from hums.fleet.monitor import MachineState
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.watched_machines import (
@@ -65,7 +65,7 @@ def test_components_are_the_worst_first(whole):
 
 
 def test_growth_is_that_of_the_score_since_it_left_normal():
-    history = MachineHistory(state=MachineState(machine="mill", since={"pinion": COURSE[10].recorded_at}))
+    history = MachineHistory(state=MachineState(machine="mill", alarms={"pinion": Alarm(since=COURSE[10].recorded_at)}))
     history.records = [
         {"record": one.record, "recorded_at": one.recorded_at, "scores": {"pinion": 0.5 * max(0, number - 10)}}
         for number, one in enumerate(COURSE[:20])
