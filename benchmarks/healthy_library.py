@@ -342,7 +342,7 @@ def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool]) -> dict
     values: dict[str, list[float]] = {}
     for one, own in zip(shown, rows, strict=True):
         parts[one["gearbox"]] = parts.get(one["gearbox"], 0) + len(own)
-        strong = [round(row[1], 5) for row in own if row[1] > 0 and not row[2].startswith("its line may ")]
+        strong = [round(row[1], 5) for row in own if row[1] > 0 and not row[2].startswith("the line may ")]
         values.setdefault(one["gearbox"], []).extend(strong)
     largest = sorted((value for own in values.values() for value in own), reverse=True)[:KEPT]
     at = largest[0] * TAIL

@@ -424,7 +424,7 @@ def _pooled_condition(name: str, channel: ChannelSegments, parts: Sequence[_Part
     more = []
     if len(known) > 1 and worst.reasons:
         alike = sum(health.status == worst.status for health, _ in known)
-        more.append(f"So it is in {alike} of {len(known)} segments.")
+        more.append(f"The same holds in {alike} of {len(known)} segments.")
     if channel.gaps:
         status = max(status, "suspect", key=rank)
         more.append(f"It drops out: it has {channel.gaps}.")

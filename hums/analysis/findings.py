@@ -206,7 +206,7 @@ def _also(one: Finding, equal: Sequence[str]) -> Finding:
 
 def _of_another_bearing(one: Finding, named: str) -> Finding:
     """Return the verdict on a bearing with the same orders as one that is named: not judged."""
-    why = f"its line may have another source: {named} has the same orders and a finding"
+    why = f"the line may have another source: {named} has the same orders and a finding"
     return judging_nothing(one, why, f"judged if its orders differed from those of {named}")
 
 
@@ -272,20 +272,20 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
             "its amplitude, and this line may be a side effect of it"
         )
         least = larger.depth / RIVAL_FACTOR
-        return _hidden(why), f"indicated from a modulation of {least:.1%} on (now {part.depth:.1%})"
+        return _hidden(why), f"indicated at a modulation of {least:.1%} or more (now {part.depth:.1%})"
     if part.other_strength > strength([part.depth], part.snr) and not _is_known(part, others):
         why = f"the unexplained line at {part.other_order:.3f} orders is stronger ({part.other_depth:.1%})"
         return _hidden(why), "indicated, if that line were weaker than its own"
     clear = RIVAL_FACTOR * FAULTY_DEPTH
     if part.depth >= clear:
         return None
-    least_change = f"indicated from a modulation of {clear:.0%} on (now {part.depth:.1%})"
+    least_change = f"indicated at a modulation of {clear:.0%} or more (now {part.depth:.1%})"
     for rival in rivals:
         alike = rival.channel == part.channel and rival.depth * RIVAL_FACTOR > part.depth
         if alike and {part.kind, rival.kind} == {"inner_race", "outer_race"}:
             why = (
                 f"the line of {_kind_text(rival.kind)} is of similar size ({rival.depth:.1%}), as a rough bearing or a "
-                "damaged element makes both"
+                "damaged element produces both"
             )
             return _hidden(why), least_change
     return None
@@ -307,7 +307,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     if part.depth < FAULTY_DEPTH:
         doubts.append(
             f"it modulates the band by only {part.depth:.1%}, and the races and elements of sound bearings are not "
-            "perfect, either; compare with earlier and later records"
+            "perfect either; compare with earlier and later records"
         )
     if part.kind == "cage":
         doubts.append("damage to a rolling element also produces this line")
@@ -365,10 +365,10 @@ def _changes(
     lost = [(part.strength / needed, f"nothing found below a strength of {needed:.3g} (now {part.strength:.3g})")]
     if len(doubts) == 1:
         if part.depth < FAULTY_DEPTH:
-            deeper = f"diagnosed from a modulation of {FAULTY_DEPTH:.0%} on (now {part.depth:.1%})"
+            deeper = f"diagnosed at a modulation of {FAULTY_DEPTH:.0%} or more (now {part.depth:.1%})"
             return [*lost, (FAULTY_DEPTH / part.depth, deeper)]
         if part.strength < certain < math.inf:
-            return [*lost, (certain / part.strength, f"diagnosed from a strength of {certain:.3g} on")]
+            return [*lost, (certain / part.strength, f"diagnosed at a strength of {certain:.3g} or more")]
         return [*lost, (math.inf, f"diagnosed if this doubt is resolved: {doubts[0]}")]
     if doubts:
         return lost
@@ -427,7 +427,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         return _not_judged(
             part,
             f"too short or too noisy: a modulation of {part.possible_depth:.1%} may go undetected, "
-            f"while damage is indicated from {JUDGED_DEPTH:.0%}",
+            f"while damage is indicated at {JUDGED_DEPTH:.0%}",
             least_change=f"judged in a record longer by a factor of {longer:.2g}"
             if math.isfinite(longer)
             else "judged in a band that has power",
@@ -446,7 +446,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         return _not_judged(part, why, probability=probability, least_change=least_change, next_step=step)
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
-    changes = [(blind, f"not judged at {blind:.2g} times the background noise")]
+    changes = [(blind, f"detectable up to {blind:.2g} times the background noise")]
     if part.strength > 0:
         changes.append(
             (needed / part.strength, f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})")
@@ -464,7 +464,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
 
 
 def _hidden(what: str) -> str:
-    return f"its line may have another source: {what}"
+    return f"the line may have another source: {what}"
 
 
 def _not_judged(

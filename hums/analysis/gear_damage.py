@@ -533,7 +533,7 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
         return why, "", longer
     if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (
-            "its teeth differ in the same way throughout the record, as with pitch deviations of a sound gear or pits "
+            "the teeth differ in the same way throughout the record, as with pitch deviations of a sound gear or pits "
             f"on several teeth, and the highest is {row.outlier:.1f} standard deviations above the others"
         )
         change = f"nothing found, if that were below {HIGHEST_TOOTH:g} standard deviations"

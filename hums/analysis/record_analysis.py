@@ -397,9 +397,7 @@ def _notes(
         *machine.tachometer_condition[1],
         *_band_notes(machine, settings, channels),
         *_jitter_notes(machine, channels),
-        *(note for channel in channels for note in _channel_notes(channel, machine)),
-        *(note for channel in channels for note in _spectrum_end_notes(channel, settings)),
-        *(note for channel in channels for note in _out_of_range_notes(channel)),
+        *_said_of({channel.name: _channel_notes(channel, machine, settings) for channel in channels}),
         *dict.fromkeys(note for channel in channels for note in _pooled_notes(channel)),
         *record.left_out,
         *(f"A segment is left out: {why}" for channel in channels for why in channel.failed),
@@ -489,43 +487,38 @@ def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iter
         )
 
 
-def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
+def _said_of(notes: dict[str, Iterator[str]]) -> Iterator[str]:
+    """Yield each note once, after the names of the channels that it holds for."""
+    names: dict[str, list[str]] = {}
+    for channel, said in notes.items():
+        for note in said:
+            names.setdefault(note, []).append(f'"{channel}"')
+    yield from (f"Channel{'s' if len(them) > 1 else ''} {', '.join(them)}: {note}" for note, them in names.items())
+
+
+def _channel_notes(channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     if channel.faulty:
-        yield (
-            f'Channel "{channel.name}" is faulty (see sensor health): its indicators except the raw RMS are withheld, '
-            "and no damage is diagnosed from it."
-        )
+        yield "faulty (see sensor health); no damage is diagnosed from it, and only its raw RMS is stated."
+    analysed = f"{channel.analysed_s:.3g} of {channel.duration_s:.3g} s are analysed"
     if channel.left_out:
-        yield (
-            f'Channel "{channel.name}" has {channel.left_out}: {channel.analysed_s:.3g} of {channel.duration_s:.3g} s '
-            f"are analysed, whole revolutions in {len(channel.segments)} segments between gaps."
-        )
+        yield f"{channel.left_out}; {analysed}, whole revolutions in {len(channel.segments)} segments between gaps."
     elif channel.analysed_s < _MOST_OF * channel.duration_s:
         where = "the tachometer covers" if machine.source.tachometer else "the shaft's angle is known for"
-        yield (
-            f'Channel "{channel.name}": {channel.analysed_s:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
-            f"revolutions that {where}; the rest is not analysed."
-        )
+        yield f"{analysed}, the whole revolutions that {where}; the rest is not analysed."
     if channel.crest_factor > _SPIKE:
         yield (
-            f'Channel "{channel.name}": one sample reaches {channel.crest_factor:.0f} times the RMS, like an '
-            "electrical spike, which may mask everything else."
+            f"one sample reaches {channel.crest_factor:.0f} times the RMS, like an electrical spike, which may mask "
+            "everything else."
         )
-
-
-def _spectrum_end_notes(channel: AnalysedChannel, settings: AnalysisSettings) -> Iterator[str]:
     stated, last = settings.max_order, float(channel.spectra[ORDER_SPECTRUM].axis[-1])
     if stated is not None and last + channel.spectra[ORDER_SPECTRUM].bin_width < stated:
         yield (
-            f'Channel "{channel.name}": its order spectrum ends at {last:.4g} orders, not at the {stated:g} asked for '
-            f"(max_order, --max-order): at top speed, its rate of {channel.rate_hz:g} Hz permits no higher order."
+            f"the order spectrum ends at {last:.4g} orders, not at the {stated:g} asked for (max_order, --max-order): "
+            f"at top speed, a sampling rate of {channel.rate_hz:g} Hz permits no higher order."
         )
-
-
-def _out_of_range_notes(channel: AnalysedChannel) -> Iterator[str]:
     if channel.out_of_range:
-        names = sorted({f"{w.component} {w.kind}" for w in channel.out_of_range})
+        names = sorted({f"{w.component} {w.kind.replace('_', ' ')}" for w in channel.out_of_range})
         yield (
-            f'Channel "{channel.name}": {len(channel.out_of_range)} lines could not be assessed: above the range of '
-            f"the sampling rate or envelope band, or in too short a record: {', '.join(names)}."
+            f"{len(channel.out_of_range)} lines could not be assessed, being above the range of the sampling rate or "
+            f"envelope band, or in too short a record: {', '.join(names)}."
         )

@@ -271,7 +271,7 @@ def _why_unmeasured(
     if cycles < FEWEST_CYCLES or not bearing:
         return (
             f"too short: the record holds {cycles:.2g} cycles of its line; {FEWEST_CYCLES:g} are required",
-            f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
+            f"judged in a record {math.ceil(10 * FEWEST_CYCLES / cycles) / 10:.2g} times as long",
         )
     reach = max(channel.envelope_reach for channel in channels)
     if row.order * (1 + settings.slip) > reach:

@@ -224,7 +224,7 @@ def _words(name: str) -> str:
     for ending, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
         if name.endswith(f"_{ending}"):
             return f"{name.removesuffix(f'_{ending}').replace('_', ' ')} ({unit})"
-    return name.replace("_", " ")
+    return name.replace("most_", "maximum ").replace("_", " ")
 
 
 def _value(value: object) -> str:

@@ -311,7 +311,7 @@ def _parts_caption(tracks: xr.Dataset) -> str:
     for at in range(tracks.sizes["track"]):
         one = tracks.isel(track=at)
         slip = (100 * one["slip"].to_numpy()).round(2) + 0.0  # no -0.00
-        follows = f", slip {np.nanmin(slip):+.2f} to {np.nanmax(slip):+.2f} %" if slip.any() else ""
+        follows = f", slip {np.nanmin(slip):+.2f}% to {np.nanmax(slip):+.2f}%" if slip.any() else ""
         depth = np.nanmean(np.abs(one["complex_amplitude"].to_numpy())) / float(one["level"])
         said.append(
             f"{line_label(_track_line(tracks, at))}: envelope of {float(one['band_low_hz']):.5g} to "

@@ -136,7 +136,7 @@ def _unjudged_parts(every: Sequence[Mapping[str, Any]]) -> str:
     for row in every:
         if row["verdict"] == NOT_JUDGED and "component" in row:
             kinds.setdefault(_kind(row), []).append(row["component"])
-    return "; ".join(f"{kind} of {', '.join(dict.fromkeys(parts))}" for kind, parts in kinds.items())
+    return "; ".join(f"{kind}: {', '.join(dict.fromkeys(parts))}" for kind, parts in kinds.items())
 
 
 def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) -> dict[str, str]:

@@ -201,7 +201,7 @@ def test_a_sick_sensor_keeps_its_raw_rms_alone(gearbox):
     table = indicator_table(analysis)
     assert list(table[table["channel"] == "cut"]["indicator"]) == ["rms"]
     assert {"fm4", "so1", "kurtosis"} <= set(table[table["channel"] == "sound"]["indicator"])
-    assert any(note.startswith('Channel "cut" is faulty') for note in summary(analysis)["notes"])
+    assert any(note.startswith('Channel "cut": faulty') for note in summary(analysis)["notes"])
 
 
 def planetary_record(*, bad=None, deaf=False, seconds=300.0, rate_hz=1000.0, carrier_hz=1.0):

@@ -133,7 +133,7 @@ def test_a_gap_costs_what_it_covers():
     words = "3 samples that are not finite in 2 gaps, the first at index 700 (0.14 s)"
     assert f"It drops out: it has {words}." in verdict.loc["gaps", "reasons"]
     assert verdict.loc["gaps", "missing"] == pytest.approx(3 / TIME_S.size)
-    assert sum(f'Channel "gaps" has {words}' in note for note in summary(analysis)["notes"]) == 1
+    assert sum(f'Channel "gaps": {words}' in note for note in summary(analysis)["notes"]) == 1
     assert set(line_table(analysis, "order_spectrum")["channel"]) == {"gaps", "sound"}
 
 

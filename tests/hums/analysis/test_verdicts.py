@@ -216,14 +216,14 @@ def test_a_verdict_turns_where_it_says(opened):
     shallow = number(with_evidence(opened, depth=0.12).least_change, "indicated below a modulation of ")
     assert with_evidence(opened, depth=1.01e-2 * shallow).verdict == "diagnosed"
     assert with_evidence(opened, depth=0.99e-2 * shallow).verdict == "indicated"
-    assert "diagnosed from a modulation of 10%" in with_evidence(opened, depth=0.095).least_change
+    assert "diagnosed at a modulation of 10% or more" in with_evidence(opened, depth=0.095).least_change
     weak = with_evidence(opened, strength=0.009, possible_depth=0.0001)
     needed = number(weak.least_change, "indicated at a strength of ")
     assert with_evidence(opened, strength=1.01 * needed).verdict in {"diagnosed", "indicated"}
     assert with_evidence(opened, strength=0.98 * needed).verdict == "not judged"  # still rare in health
     assert weak.verdict == "nothing found"
     silent = with_evidence(opened, strength=0.0)
-    now = parts[RACE].possible_depth * number(silent.least_change, "not judged at ")
+    now = parts[RACE].possible_depth * number(silent.least_change, "detectable up to ")
     assert with_evidence(opened, strength=0.0, possible_depth=1.05 * now).verdict == "not judged"
     assert with_evidence(opened, strength=0.0, possible_depth=0.95 * now).verdict == "nothing found"
     assert with_evidence(opened, hidden_by="something").verdict == "not judged"
