@@ -25,7 +25,7 @@ from hums.fleet.observation import order_key
 from hums.fleet.parquet import write_indicators
 from hums.fleet.result_files import read_results, write_row
 from hums.fleet.results import results
-from hums.fleet.table import WrittenTables, write_tables
+from hums.fleet.table import write_tables
 from hums.fleet.watched_machines import (
     MachineHistory,
     watch_machines,
@@ -225,15 +225,15 @@ def analyze_fleet(
         paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
         for stale in set(killed.glob(f"{'?' * 24}.json.gz")) - set(paths):  # done now, or the record's file changed
             stale.unlink()
-        histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, gearbox=named)
+        histories, errors, no_trends = _tables(paths, folder, monitoring or MonitorSettings(), work, gearbox=named)
     return Fleet(
         folder=folder,
         records=len(paths),
-        failed=len(written.errors),
+        failed=len(errors),
         analysed=tally.done,
         kept=len(paths) - tally.done,
-        errors=written.errors,
-        no_trends=written.no_trends,
+        errors=errors,
+        no_trends=no_trends,
         alarms=sum(len(history.alarms) for history in histories),
         learning=tuple(history.state.machine for history in histories if _is_learning(history)),
     )
@@ -255,14 +255,14 @@ def _tables(
     work: Sequence[Work],
     *,
     gearbox: str = "GEARBOX",
-) -> tuple[list[MachineHistory], WrittenTables]:
+) -> tuple[list[MachineHistory], dict[str, str], str]:
     """Monitor the machines; write alarms, components, baselines, the tables of all records and the page."""
     records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever the files' order was
     histories = watch_machines(records, folder / "watch", settings=settings, work=work)
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")
-    written = write_tables(
+    no_trends = write_tables(
         records,
         folder,
         health={one["record"]: one for history in histories for one in history.records},
@@ -270,7 +270,7 @@ def _tables(
     )
     write_indicators(records, folder / _INDICATORS)
     write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
-    return histories, written
+    return histories, {one.record: one.error for one in records if one.error}, no_trends
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:

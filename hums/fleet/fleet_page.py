@@ -16,7 +16,7 @@ from hums.fleet.alarms import ACKNOWLEDGED, RAISED
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.series import LINE, Series, vector
+from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page
@@ -293,11 +293,12 @@ def _stems(judged: Sequence[StoredRecord], channel: str, spectrum: str, name: st
     """Return the overlaid lines of a channel in its first judged and its last record, None without lines."""
     pairs, unit = [], ""
     for one in (judged[0], judged[-1]):
-        named = [dict(zip(LINE, key, strict=True)) for key in one.lines.keys]
         rows = [
-            (order, value, key["units"])
-            for key, order, value in zip(named, one.orders.tolist(), one.lines.values[:, 0].tolist(), strict=True)
-            if (key["channel"], key["spectrum"]) == (channel, spectrum) and math.isfinite(value)
+            (order, value, units)
+            for (*of, _, _, _, _, units), order, value in zip(
+                one.lines.keys, one.orders.tolist(), one.lines.values[:, 0].tolist(), strict=True
+            )
+            if of == [channel, spectrum] and math.isfinite(value)
         ]
         if not rows:
             return None

@@ -5,7 +5,6 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
@@ -39,22 +38,16 @@ _RECENT_POINTS = 300  # of a forecast: what lies before says little about the sl
 Key = tuple[Any, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class WrittenTables:
-    """Errors of the failed records by name, and the reason why there are no trends, or an empty string."""
-
-    errors: Mapping[str, str]
-    no_trends: str
-
-
 def write_tables(
     records: Sequence[StoredRecord],
     folder: Path,
     *,
     health: Mapping[str, Mapping[str, Any]] | None = None,
     limits: Mapping[str, float] | None = None,
-) -> WrittenTables:
+) -> str:
     """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the results of the records.
+
+    Return the reason why no series has a trend, or an empty string.
 
     `health` has, by name of record, the reason why it was not judged and the condition indices of its components;
     `limits` has the limit of each machine for forecasts.
@@ -67,12 +60,9 @@ def write_tables(
         _write_csv(table, stream)
     rows = sorted(_series_trends(table, limits or {}), key=lambda row: row.get("adjusted_p", 2.0))  # untested ones last
     write_rows(folder / "trends.csv", _TREND_COLUMNS, rows)
-    failed = table["error"].to_numpy() != ""
-    names, errors = table["record"].to_numpy()[failed], table["error"].to_numpy()[failed]
-    return WrittenTables(
-        errors=dict(zip(names.tolist(), errors.tolist(), strict=True)),
-        no_trends="" if any("adjusted_p" in row for row in rows) else _reason_for_no_trends(table.isel(record=~failed)),
-    )
+    if any("adjusted_p" in row for row in rows):
+        return ""
+    return _reason_for_no_trends(table.isel(record=table["error"].to_numpy() == ""))
 
 
 def columns_of(keys: Sequence[tuple[Key, ...]]) -> tuple[tuple[Key, ...], list[NDArray[np.int64]]]:

@@ -279,7 +279,7 @@ def trends(amplitudes, folder, *, days=None):
             one = observed(days[day] if days else day, record=f"{machine} {day}")
             lines = Numbers(keys=LINES[:1], values=np.array([[amplitude, 2, 1]], dtype=np.float32))
             stored.append(replace(kept(one), machine=machine, lines=lines, orders=np.array([23.0])))
-    return write_tables(stored, folder).no_trends, rows(folder / "trends.csv")
+    return write_tables(stored, folder), rows(folder / "trends.csv")
 
 
 class TestWhyThereAreNoTrends:
@@ -296,7 +296,7 @@ class TestWhyThereAreNoTrends:
 
     def test_no_dates(self, tmp_path):
         stored = [replace(kept(observed(day)), recorded_at="") for day in range(6)]
-        assert "no record states its time; give recorded_at" in write_tables(stored, tmp_path).no_trends
+        assert "no record states its time; give recorded_at" in write_tables(stored, tmp_path)
 
     def test_all_at_one_time(self, tmp_path):
         assert (
