@@ -191,8 +191,8 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
         stream.write(line.getvalue() + (form % tuple(values.tolist())).replace("nan", "") + "\n")
 
 
-def _number(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.7g}"
+def _number(value: float, digits: int = 7) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}g}"
 
 
 # ---- trends ------------------------------------------------------------------------------------------------
@@ -222,12 +222,12 @@ TOO_FEW = "too few to test"
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write rows as CSV, numbers with six digits; a column that a row lacks is empty."""
+    """Write rows as CSV, numbers with six digits; NaN, and a column that a row lacks, are empty."""
     with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
         writer.writeheader()
         for row in rows:
-            writer.writerow({key: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for key, x in row.items()})
+            writer.writerow({name: _number(x, 6) if isinstance(x, float) else plain_cell(x) for name, x in row.items()})
 
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
@@ -267,7 +267,7 @@ def _machine_trends(
         row: dict[str, Any] = {"series": titles[number], "units": str(units[number])}
         row |= {"records": int(found.points[number]), "median": float(found.median[number])}
         first, last = float(found.first[number]), float(found.last[number])
-        row["change"] = last / first if number < scored and first > 0 else ""
+        row["change"] = last / first if number < scored and first > 0 else math.nan
         if np.isnan(found.slope[number]):
             yield row | {"trend": TOO_FEW}
             continue

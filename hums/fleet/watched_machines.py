@@ -153,7 +153,7 @@ def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
 def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``components.csv``, one row per component of each machine, the most urgent first."""
     rows = [row for history in histories for row in _components(history)]
-    rows.sort(key=lambda row: (-row["condition_index"] if row["condition_index"] != "" else math.inf, row["machine"]))
+    rows.sort(key=lambda row: (-np.nan_to_num(row["condition_index"], nan=-np.inf), row["machine"]))
     write_rows(path, COMPONENT_COLUMNS, rows)
 
 
@@ -165,12 +165,12 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
         "judged": state.judged,
         "refused_share": f"{state.refused / seen:.4g}" if seen else "",
         "unwatched_since": state.unwatched_since,
-        "false_alarms_a_year": "" if math.isnan(history.false_alarms_a_year) else history.false_alarms_a_year,
+        "false_alarms_a_year": history.false_alarms_a_year,
     }
     if last is None:
         yield common | {
             "component": "",
-            "condition_index": "",
+            "condition_index": math.nan,
             "state": "learning" if not state.unwatched_since else "unwatched",
         }
         return
@@ -182,21 +182,17 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
         alarm = state.alarms[name]
         yield common | {
             "component": name,
-            "condition_index": index if math.isfinite(index) else "",
+            "condition_index": index,
             "state": f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state,
             "since": alarm.since,
             "channel": channel,
             "indicator": indicator,
             "departure": departure,
-            "times_normal": _known(last.ratio[name]),
-            "growth_per_day": _known(history.growth_per_day(name)),
-            "once_in_records": _known(history.once_in_records(name)),
+            "times_normal": last.ratio[name],
+            "growth_per_day": history.growth_per_day(name),
+            "once_in_records": history.once_in_records(name),
             "baseline": epoch.identity,
         }
-
-
-def _known(value: float) -> float | str:
-    return "" if math.isnan(value) else value
 
 
 def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:

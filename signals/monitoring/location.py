@@ -128,12 +128,10 @@ def learn_baseline(
     known = np.isfinite(values).sum(axis=-2)
     if count and records >= _FEWEST_PER_COVARIATE * (count + 1):
         design = covariates - middle[..., None, :]
-        precision = np.zeros(middle.shape)  # first without a prior, which follows from what is found
-        for _ in range(_STEPS):
-            slopes = _slopes(values - center[..., None, :], design, weights, precision)
-            center, scale, weights = _location(values - design @ slopes)
-        precision = _slope_precision(slopes / scale[..., None, :], design)
-        for _ in range(_STEPS):
+        precision = np.zeros(middle.shape)
+        for step in range(2 * _STEPS):  # first without a prior, which follows from what is found
+            if step == _STEPS:
+                precision = _slope_precision(slopes / scale[..., None, :], design)
             slopes = _slopes(values - center[..., None, :], design, weights, precision)
             center, scale, weights = _location(values - design @ slopes)
         errors, regressors = _slope_errors(design, precision)

@@ -79,15 +79,13 @@ def series_slopes(values: Array, times: Array) -> Slopes:
         if not y.size:
             continue
         third = max(1, y.size // 3)
-        for name, part in (("median", y), ("first", y[:third]), ("last", y[-third:])):
-            found[name][number] = np.median(part)
+        row: dict[str, Any] = {"median": np.median(y), "first": np.median(y[:third]), "last": np.median(y[-third:])}
         if y.size >= FEWEST and np.ptp(x) > 0 and np.ptp(y) > 0:
             few = np.isfinite(medians[:, number])
             shown, when = medians[few, number], middles[few]
-            for name, one in _slope(shown, when).items():
-                found[name][number] = one
-            for name, what in _change(np.log(shown) if (shown > 0).all() else shown, when).items():
-                found[name][number] = what
+            row |= _slope(shown, when) | _change(np.log(shown) if (shown > 0).all() else shown, when)
+        for name, value in row.items():
+            found[name][number] = value
     found["rises"] = found["rises"] == 1
     found["discovery_rate"] = _discovery_rates(found["p_value"])
     return Slopes(**found)
