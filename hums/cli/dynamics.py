@@ -25,7 +25,7 @@ _HARMONICS = 8  # of a mesh stiffness, for the stability
 
 def dynamics(
     source: Annotated[str, typer.Argument(metavar="GEARBOX_OR_SCENE", help="A .toml file or a catalogue name.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the figures; if omitted, none are drawn.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figures, drawn only if given.")] = None,
     top_rpm: Annotated[float, typer.Option("--rpm", help="Highest speed of the reference in rpm.")] = 3000.0,
     motions: Annotated[
         Literal["torsion", "plane", "space"] | None,

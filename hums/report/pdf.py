@@ -41,7 +41,7 @@ def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> P
     browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
         raise ValueError(
-            f"no browser found to print the PDF: none of {', '.join(_BROWSERS)} is on the PATH; install Chromium, Chrome "
+            f"no browser to print the PDF: none of {', '.join(_BROWSERS)} is on the PATH; install Chromium, Chrome "
             f"or Edge, or open {page} and print it from there."
         )
     as_root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []  # its sandbox refuses root

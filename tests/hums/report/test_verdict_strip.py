@@ -88,7 +88,7 @@ def test_a_record_that_could_not_be_judged_is_not_called_clean():
     assert row["word"] == "not judged in part"
     assert row["sure"].startswith("1 of 2 kinds of damage could not be judged (too short)")
     named = [one | {"component": "input", "kind": "shaft"} for one in judged]
-    assert verdict_rows(facts() | {"verdicts": named})[0]["unjudged"] == "shaft of input"
+    assert verdict_rows(facts() | {"verdicts": named})[0]["unjudged"] == "shaft: input"
     assert verdict_rows(facts() | {"verdicts": named[1:]})[0]["word"] == "not judged"
 
 
