@@ -23,7 +23,8 @@ PAGE = """\
 # Detection compared with a bound
 
 Made by `python benchmarks/detection.py --first {first}`: {cases} machines of a simulator that shares no code with
-`data_synth`, at a stated probability of {stated:g}. *Level*: the signal-to-noise ratio in dB after a matched filter that knows the waveform of the fault and excludes the lines of the sound machine. At an unknown position among
+`data_synth`, at a stated probability of {stated:g}. *Level*: the signal-to-noise ratio in dB after a matched filter
+that knows the waveform of the fault and excludes the lines of the sound machine. At an unknown position among
 {places:g}, such a filter detects a fault from {bound:.1f} dB. *Half named*: the level at which half are named first, by
 a logistic curve. *Gap*: the difference between the two. *Sound*: those that read "nothing found".
 
