@@ -57,7 +57,7 @@ class _Charts:
     def __init__(self, every: float, normal: Normal, own: Array, independent: Array, watched: int) -> None:
         machines, of = len(independent), normal.layout.group_of
         self.first = first_scores(normal.layout)
-        self.until, self.index = np.full(machines, np.inf), np.zeros((machines, watched, len(of)), np.float32)
+        self.index = np.zeros((machines, watched, len(of)), np.float32)
         slopes = np.repeat(normal.series.regressors, len(of))
         groups = of * machines
         self.limits = machine_limits(limit_table(), independent.ravel(), every / machines, groups, slopes=slopes)
@@ -67,17 +67,16 @@ class _Charts:
     @property
     def watched(self) -> Watched:
         """What was found."""
-        return Watched(until_alarm=self.until, index=self.index)
+        index = np.maximum.reduceat(self.index, self.first, axis=2)
+        raised = np.any((two_of_three(index) >= 1) | (index >= AT_ONCE), axis=2)
+        until = np.where(raised.any(axis=1), 1 + raised.argmax(axis=1), np.inf)
+        return Watched(until_alarm=until, index=self.index)
 
     def step(self, number: int, scores: Array) -> None:
         """Take one more record (machines, scores), NaN where it is refused."""
         self.charts = self.limits.charts.step(self.charts, scores.ravel())
         found = (self.limits.index(self.charts) / self.headroom).reshape(scores.shape)
         self.index[:, number] = np.where(np.isfinite(scores), found, 0)
-        latest = np.maximum.reduceat(self.index[:, max(0, number - 2) : number + 1], self.first, axis=2)
-        reached = (latest >= 1).sum(axis=1) >= 2  # noqa: PLR2004 - two of three
-        raised = (latest[:, -1] >= 1) & (reached | (latest[:, -1] >= AT_ONCE))
-        self.until = np.where(raised.any(axis=1), np.minimum(self.until, number + 1), self.until)
 
 
 def first_scores(layout: Layout) -> NDArray[np.int64]:

@@ -276,8 +276,7 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
     logs = np.array([vector(one.observation.values, drivers) for one in course.records])
     panels = []
     for key, values in zip(drivers, np.exp(logs).T, strict=True):
-        words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
-        title = f"{words.replace('_', ' ')}, {key.channel}"
+        title = f"{key.words.replace('_', ' ')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {_squared(key.unit)}"
         panels.append({"title": title, "normal": math.exp(center[key]), **course.packed(values)})
     alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."

@@ -432,14 +432,8 @@ def _driver(epoch: Epoch, reading: Reading, name: str, series: int) -> tuple[tup
         channel = component.removeprefix("sensor ")
         level = float(reading.level[epoch.channels.index(channel)])
         return (channel, what, level), math.exp(level)
-    departure = float(reading.departures[series])
-    return (*_words(epoch.series[series]), departure), math.exp(reading.growth[series])
-
-
-@lru_cache(maxsize=100_000)
-def _words(key: Series) -> tuple[str, str]:
-    """Return channel and indicator of a series, with its kind of damage."""
-    return key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
+    key, departure = epoch.series[series], float(reading.departures[series])
+    return (key.channel, key.words, departure), math.exp(reading.growth[series])
 
 
 def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:

@@ -61,6 +61,11 @@ class Series:
     unit: str
 
     @property
+    def words(self) -> str:
+        """Its indicator, with the kind of damage."""
+        return self.indicator if self.kind in self.indicator else f"{self.kind} {self.indicator}"
+
+    @property
     def power(self) -> int:
         """Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio."""
         if self.unit in ("1", "", "deg", "rad"):
