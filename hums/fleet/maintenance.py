@@ -5,11 +5,12 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from hums.fleet.alarms import ACKNOWLEDGED
 from hums.fleet.observation import seconds_since_1970
 from signals._validation import SentenceError, checked
 
 _COLUMNS = ("date", "component")
-REPLACED, ACKNOWLEDGED = "replaced", "acknowledged"
+REPLACED = "replaced"
 
 
 class MaintenanceError(SentenceError):

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.alarms import AGAIN, RAISED, SEVERE, Alarm
-from hums.fleet.maintenance import ACKNOWLEDGED, Work
+from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, RAISED, SEVERE, Alarm
+from hums.fleet.maintenance import Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.series import (

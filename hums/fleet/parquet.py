@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from hums.fleet.result_files import StoredRecord
+from hums.fleet.series import INDICATOR
 from hums.fleet.table import columns_of
 from hums.records.outputs import atomic_write
 
 NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
-_COLUMNS = ("channel", "component", "kind", "indicator", "units")
 _FACTS = ("record", "machine", "recorded_at")
 _RECORDS = 1_000  # of a group: some 10 MB of memory while it is written
 
@@ -40,7 +40,7 @@ def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
     from pyarrow.parquet import ParquetWriter  # noqa: PLC0415
 
     names = pa.dictionary(pa.int32(), pa.string())
-    fields = [(name, names) for name in (*_FACTS, *_COLUMNS)]
+    fields = [(name, names) for name in (*_FACTS, *INDICATOR)]
     schema = pa.schema([*fields, ("value", pa.float32())])
     with atomic_write(path) as part, ParquetWriter(part, schema) as writer:
         for start in range(0, max(len(records), 1), _RECORDS):
@@ -54,7 +54,7 @@ def _rows(pa: Any, schema: Any, records: Sequence[StoredRecord]) -> Any:  # noqa
     at = np.concatenate([np.zeros(0, dtype=np.int64), *places])
     which = np.repeat(np.arange(len(records)), counts)
     columns = [_named(pa, [getattr(one, name) for one in records], which) for name in _FACTS]
-    columns += [_named(pa, [key[number] for key in keys], at) for number in range(len(_COLUMNS))]
+    columns += [_named(pa, [key[number] for key in keys], at) for number in range(len(INDICATOR))]
     values = np.concatenate([np.zeros(0, dtype=np.float32), *(one.indicators.values for one in records)])
     return pa.Table.from_arrays([*columns, pa.array(values)], schema=schema)
 

@@ -8,9 +8,8 @@ from typing import Any
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.result import Analysis, group
-from hums.fleet.series import INDICATOR, LINE, named
+from hums.fleet.series import CONDITION, INDICATOR, LINE, named
 
-_PART = ("component", "kind")
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
 _FINDING = ("component", "kind", "verdict", "channel", "evidence")
 _HEALTH = ("name", "sensor", "status", "reasons")
@@ -25,7 +24,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
     those under `INDICATOR`: the value.
     """
     speed = group(analysis, "speed").variables["speed_hz"].to_numpy()
-    words = ("verdict", "doubts", *_PART)
+    words = ("verdict", "doubts", *CONDITION)
     rows = [*_rows(analysis, "findings", words), *_rows(analysis, "verdicts", words)]
     verdicts = [dict(zip(words, row, strict=True)) for row in rows]
     return {
@@ -46,7 +45,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
             (row for row in _rows(analysis, "indicators", _INDICATOR) if math.isfinite(row[-1])), len(INDICATOR), 1
         ),
         "findings": _rows(analysis, "findings", _FINDING),
-        "not_judged": [[row[name] for name in _PART] for row in verdicts if row["verdict"] == NOT_JUDGED],
+        "not_judged": [[row[name] for name in CONDITION] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),
         "health": _rows(analysis, "health", _HEALTH),
     }

@@ -19,11 +19,11 @@ LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
 WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
-_OF_ONE_TOOTH = ("tooth_outlier",)
 _EVIDENCE = "modulation"  # strength of a bearing part's lines, of records in which nothing is significant as well
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
 INDICATOR = ("channel", "component", "kind", "indicator", "units")
+CONDITION = ("component", "kind")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +246,7 @@ def _damage(key: Series) -> str:
     A spall on one tooth raises the tooth outlier and no other indicator of the gear, among which it would be diluted;
     the verdict derived from it is also that of the tooth.
     """
-    return "tooth" if key.indicator in _OF_ONE_TOOTH else key.kind
+    return "tooth" if key.indicator == "tooth_outlier" else key.kind
 
 
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:

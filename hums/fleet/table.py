@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.series import INDICATOR, LINE
+from hums.fleet.series import CONDITION, INDICATOR, LINE
 from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree
@@ -31,7 +31,6 @@ SIGNIFICANCE = 0.01
 """False discovery rate below which a trend is called rising or falling."""
 
 VERDICTS = ("none", "indicated", "diagnosed", "not judged")
-_CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
 FEWEST_SHOWN = 2  # values of which a change is shown
 _RECENT_POINTS = 300  # of a forecast: what lies before says little about the slope now
@@ -129,7 +128,7 @@ def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, An
             "record": np.array(facts["record"], dtype=np.str_),
             **_coordinates("line", LINE, lines),
             **_coordinates("indicator", INDICATOR, indicators),
-            **_coordinates("condition", _CONDITION, conditions),
+            **_coordinates("condition", CONDITION, conditions),
             "watched": np.array(watched, dtype=np.str_),
         },
         attrs={"schema": "hums-fleet/1"},
@@ -151,7 +150,7 @@ def _coordinates(dim: str, names: Sequence[str], keys: Sequence[Key]) -> dict[st
 
 def _titles(table: xr.Dataset, dim: str) -> list[str]:
     """Return the title of each column of a dimension."""
-    names = {"line": LINE, "indicator": INDICATOR, "condition": _CONDITION}[dim]
+    names = {"line": LINE, "indicator": INDICATOR, "condition": CONDITION}[dim]
     parts = {name: table[f"{dim}_{name}"].to_numpy() for name in names}
     titles = []
     for number in range(table.sizes[dim]):
@@ -218,7 +217,6 @@ _TREND_COLUMNS = (
     "days_high",
     "no_forecast",
 )
-TOO_FEW = "too few to test"
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
@@ -269,7 +267,7 @@ def _machine_trends(
         first, last = float(found.first[number]), float(found.last[number])
         row["change"] = last / first if number < scored and first > 0 else math.nan
         if np.isnan(found.slope[number]):
-            yield row | {"trend": TOO_FEW}
+            yield row | {"trend": "too few to test"}
             continue
         row |= {
             "slope_per_day": float(found.slope[number]),

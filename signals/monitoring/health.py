@@ -19,8 +19,7 @@ from signals.monitoring.memory import independent_records
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
-_WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
-_QUANTILES = np.array((0.5, *_WATCHED))
+_QUANTILES = np.array((0.5, 0.25, 0.75))  # the level, and what is watched: three in four have to rise, or to fall
 _MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
 """Variance of the EWMA with the longest memory, over that of white scores (Roberts 1959; `charts`)."""
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _HOUR_S = 3600.0
-_WIDTHS = np.arange(-3.0, 7.0)  # a minute to 170 days
-_MEMORIES_S = _HOUR_S * 4.0**_WIDTHS
-_PRIOR = np.exp(-0.5 * (_WIDTHS / 2.5) ** 2)
+_MEMORIES_S = _HOUR_S * 4.0 ** np.arange(-3.0, 7.0)  # a minute to 170 days
+_PRIOR = np.exp(-0.5 * (np.log(_MEMORIES_S / _HOUR_S) / np.log(32.0)) ** 2)
 """Temperatures of oil and bearings settle within about an hour, loads and seasons change over months: the prior of the
 memory is log-normal about an hour, with a deviation of a factor of 32 (our choice). That there is none has the
 probability 0.6, so that thirty records a day apart without one count as 27 or more."""
