@@ -99,7 +99,7 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
     )
     text = [
         words,
-        "| baseline, records | measured | stated: one in | alarms | in records | one in | 95 % of that | within |",
+        "| baseline, records | measured | stated: one in | alarms | in records | one in | 95% of that | within |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for baseline in BASELINES:
@@ -268,7 +268,7 @@ def _mm(size: float) -> str:
 def forecasts(given: argparse.Namespace) -> str:
     """Return how often the true time lies in the interval of a forecast, for each law of growth."""
     text = [
-        "| growth | given | 90 % intervals hold | median width, records | median remaining time |",
+        "| growth | given | 90% intervals hold | median width, records | median remaining time |",
         "|---|---|---|---|---|",
     ]
     for law in LAWS:

@@ -41,7 +41,7 @@ strongest lines are tracked jointly with the exact phase of the shaft, each at i
 first and last {margin:g} s.
 
 Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all lines, and of the worst line; up and down: of either half. Inside:
-quadratures within 1.96 of the tracker's standard deviations of the truth, nominally 95 %.
+quadratures within 1.96 of the tracker's standard deviations of the truth, nominally 95%.
 
 ![true and tracked amplitudes of three lines against speed](resonance.svg)
 """

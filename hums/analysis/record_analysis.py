@@ -297,7 +297,7 @@ def _speed_dataset(machine: Machine) -> xr.Dataset:
     }
     declared = machine.source.declared
     if declared is not None and declared.refined:
-        attrs["declared_hz"] = declared.declared_hz * machine.mean_speed_hz / declared.speed_hz  # of the reference
+        attrs["declared_hz"] = declared.declared_hz * machine.ratio  # of the reference
     if found is not None:
         attrs |= {
             "estimated_from": found.channel,

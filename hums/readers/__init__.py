@@ -153,7 +153,7 @@ def convert(
         raise RecordError(f"{of_many[0]} applies to many files, not to {source} alone; omit it, or use convert_files.")
     file = located(read_file(source, spec), spec.time_zone)
     if not spec.channels:
-        raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
+        raise RecordError(f"no channel of {file.path.name} is named (--channel, channels). {file.contents()}")
     tables = [table for table in (spec.units, spec.scale) if isinstance(table, dict)]
     for name in (name for table in tables for name in table):
         file.vector(name)
@@ -175,9 +175,9 @@ def convert(
         }
     recorded_at = _recorded_at(one, began, start_s=start_s)
     quantities = _measured(one)
-    noted = [(note, f'"{name}"') for name in spec.channels for note in file.metadata(name).notes]
-    for note in dict.fromkeys(note for note, _ in noted):
-        one.note(f"{' and '.join(name for same, name in noted if same == note)} {note}")
+    for note in dict.fromkeys(note for name in spec.channels for note in file.metadata(name).notes):
+        names = [f'"{name}"' for name in spec.channels if note in file.metadata(name).notes]
+        one.note(f"{' and '.join(names)} {note if len(names) == 1 else note.replace('states', 'state', 1)}")
     if one.notes:
         warnings.warn(f"{file.path.name}: {'. '.join(one.notes)}.", RecordWarning, stacklevel=2)
     return make_record(
