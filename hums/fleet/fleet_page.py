@@ -134,7 +134,7 @@ def _machine(
         "index": f"{index:.2f}" if component else "",
         "component": component,
         "since": _short(state.alarms[component].since) if component else "",
-        "driver": f"{driver.replace('_', ' ')}, {channel}" if driver else "",
+        "driver": f"{driver.replace('_', ' ').replace('rms', 'RMS')}, {channel}" if driver else "",
         "course": _small_course(history),
         "refused": f"{state.refused / seen:.0%}" if seen else "",
         "alarms": history.alarms,
@@ -172,7 +172,8 @@ def _short(moment: str) -> str:
     return plain.removesuffix(":00").replace("T", " ") if "T" in plain else plain
 
 
-def _squared(unit: str) -> str:
+def _unit(unit: str) -> str:
+    unit = unit.replace("m s-1", "m/s").replace("m s-2", "m/s²")
     return f"{unit[:-1]}²" if unit.endswith("2") and not unit.endswith("-2") else unit
 
 
@@ -191,7 +192,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
         pending = max((len(epoch.pending) for epoch in state.baselines), default=0)
         return f"Its baseline is being learned: {pending} records so far."
     if index < 1 and state.alarms[component].state != RAISED:
-        text = f"No alarm. The largest condition index is that of {component}, {index:.2f}."
+        text = f'No alarm. The largest condition index, {index:.2f}, is that of "{component}".'
     else:
         text = f"{component}: {driver.replace('_', ' ')} of {channel}"
         if math.isfinite(ratio := history.last.ratio[component] if history.last else math.nan):
@@ -276,15 +277,14 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
     logs = np.array([vector(one.observation.values, drivers) for one in course.records])
     panels = []
     for key, values in zip(drivers, np.exp(logs).T, strict=True):
-        title = f"{key.words.replace('_', ' ')}, {key.channel}"
-        title += "" if key.unit in ("", "1") else f", {_squared(key.unit)}"
+        title = f"{key.words.replace('_', ' ').replace('rms', 'RMS')}, {key.channel}"
+        title += "" if key.unit in ("", "1") else f", {_unit(key.unit)}"
         panels.append({"title": title, "normal": math.exp(center[key]), **course.packed(values)})
     alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."
     data = {"start": course.start_ms, "panels": panels}
-    rows = -(-len(panels) // 3)
     return Figure(
-        name=f"{name}-drivers", alt=alt, title=f"Indicators of {component}", view="panels", data=data,
-        height_px=150 * rows + 70,
+        name=f"{name}-drivers", alt=alt, title=f"Indicators: {component}", view="panels", data=data,
+        height_px=150 * -(-len(panels) // 3) + 70,
     )  # fmt: skip
 
 
@@ -312,6 +312,6 @@ def _stems(judged: Sequence[StoredRecord], channel: str, spectrum: str, name: st
         alt=f"Lines in the {where} spectrum of {channel} in the first judged record and in the last.",
         title=f"Lines of the {where} spectrum of {channel}: first judged and last record",
         view="stems",
-        data=data | {"unit": f"amplitude, {unit}"},
+        data=data | {"unit": f"amplitude, {_unit(unit)}"},
         height_px=300,
     )

@@ -160,5 +160,5 @@ def test_every_width_light_dark_and_paper(browser, failing, tmp_path):
         )
         assert browser.execute_script(cut) == 0  # no table is cut
     text = text_of(printed(browser))
-    assert "Indicators of stage 1/pinion" in text
+    assert "Indicators: stage 1/pinion" in text
     assert "condition index" in text
