@@ -486,7 +486,9 @@ class Scene(Declared):
 
     @property
     def truth_times(self) -> int:
-        """Number of uniform instants from 0 to `duration_s` at which the truth is stated: 20 per second and the last.
+        """Number of uniform instants of the truth: 20 per second and the last.
+
+        If gears vibrate, steady motion and ramps have fewer, and changes of speed or torque more.
 
         Examples
         --------
