@@ -18,7 +18,7 @@ KIND_COLOURS = {
     "rolling_element": "#b83280",
     "cage": "#2c7a7b",
 }
-TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#2c7a7b")
+TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#b83280")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
