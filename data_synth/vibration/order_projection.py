@@ -29,9 +29,9 @@ _DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 8  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
 _RISE, _RISE_OF_CONSTANTS = 0.25, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
 _APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.5, 0.25
-"""Spacing of a line from every stronger one and from order zero, in cycles per mean interval, in a second attempt, and
-per record: closer lines of constant amplitude are resolved, but splines at as many orders would have more coefficients
-than there are samples."""
+"""Least distance of a line from order zero and from every stronger line: in cycles per mean interval, the same when
+closer lines are added, and in cycles per record for constant amplitudes. Closer lines of constant amplitude are
+resolved, but splines at as many orders would have more coefficients than there are samples."""
 _ENOUGH, _ENOUGH_NEARER = 1e-4, 2e-3
 """Share of the power left that suffices: below the first, intervals are not shortened; below the second, no closer
 lines are added."""

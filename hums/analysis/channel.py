@@ -46,7 +46,6 @@ from hums.analysis.thresholds import (
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_catalogue import BearingOrders
-from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope import bank_bands, bank_envelopes, level_normalised
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth
@@ -180,8 +179,9 @@ def analyse_channel(
     parts, pictures = list[_Part](), None
     failed: dict[int, str] = {}
     for segment in _analysable(segments, failed):
-        for signal in _blocks(segment.signal, block, single=single):
-            pool = _Pool.add(pool, order_spectrum(signal, max_order=last), single=single)
+        of_blocks = (order_spectrum(one, max_order=last) for one in _blocks(segment.signal, block, single=False))
+        for found in [segment.spectrum] if single else of_blocks:
+            pool = _Pool.add(pool, found, single=single)
         envelopes.add(segment, block, single=single)
         parts.append(_part(segment, settings, baseline, channels=channels))
         if settings.pictures and segment.parts_per_turn == 1 and pictures is None:
@@ -699,12 +699,8 @@ def _bands_to_search(
 
 def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:
     """Return the orders explained by the gearbox."""
-    return drawn_orders(
-        machine.defect_orders,
-        bearing_kinds=BEARING_KINDS,
-        tolerance=settings.nominal_speed_tolerance if machine.phase.nominal else 0.0,
-        slip=settings.slip,
-    )
+    tolerance = settings.nominal_speed_tolerance if machine.phase.nominal else 0.0
+    return drawn_orders(machine.defect_orders, tolerance=tolerance, slip=settings.slip)
 
 
 def setting_of(machine: Machine) -> Setting:

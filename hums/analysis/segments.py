@@ -34,7 +34,7 @@ from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all, time_resample
 from signals.shaft.phase import ShaftPhase
 from signals.spectra.peaks import spectral_peaks
-from signals.spectra.spectra import order_spectrum
+from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
 
 LONGEST = 4_000_000  # samples of a channel at once: a gigabyte besides the record, two minutes at 33 kHz
 SHORTEST = 64  # samples that a check of the sensor needs
@@ -65,7 +65,7 @@ class Segment:
     turns : float
         Revolutions of the reference, whole or in eighths.
     parts_per_turn : int
-        8 for a snapshot, which is cut to eighths of a revolution, else 1.
+        8 for a snapshot, which is truncated to eighths of a revolution; otherwise 1.
     last_order : float
         End of its order spectrum.
     drawn : Drawn, optional
@@ -144,8 +144,7 @@ class Segment:
 
         A line is a peak of the order spectrum that `drawn` explains; with it goes what changes its amplitude slowly.
         """
-        signal, when = self.signal, self.when
-        spectrum = order_spectrum(signal, max_order=self.last_order)
+        signal, when, spectrum = self.signal, self.when, self.spectrum
         peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO).position
         lines = np.sort(peaks[locked_to_shafts(peaks, self.drawn, spectrum.bin_width)]) if self.drawn else peaks[:0]
         if not lines.size:
@@ -157,9 +156,8 @@ class Segment:
         kept = replace(signal, values=fft.irfft(gain * fft.rfft(signal.values - signal.values.mean()), size))
         (begin,) = phase.times_at(np.array([signal.start_rev]))
         first = math.ceil((begin - when.start_s) * when.rate_hz)
-        locked = time_resample(
-            kept, phase=phase, rate_hz=when.rate_hz, start_s=when.start_s + first / when.rate_hz
-        ).values[: when.count - first]
+        start_s = when.start_s + first / when.rate_hz
+        locked = time_resample(kept, phase=phase, rate_hz=when.rate_hz, start_s=start_s).values[: when.count - first]
         free = self.filled.copy()
         free[first : first + locked.size] -= locked
         return transform_of(free)
@@ -179,6 +177,11 @@ class Segment:
     def signal(self) -> AngularSignal:
         """Samples over the angle of the reference, up to `last_order`."""
         return self.over_angle([self.values], self.when, self.last_order)[0]
+
+    @cached_property
+    def spectrum(self) -> AmplitudeSpectrum:
+        """Order spectrum of `signal`."""
+        return order_spectrum(self.signal, max_order=self.last_order)
 
     def over_angle(
         self, rows: Sequence[Values], when: Sampling, last_order: float, *, highest_hz: float | None = None

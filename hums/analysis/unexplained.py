@@ -7,7 +7,7 @@ component missing from the drawing. If such lines exceed the meshes of the drawi
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.special import bdtrc
 
 from hums.analysis.evidence import Setting, mains_multiples
 from hums.analysis.thresholds import MATCH_BINS, STRANGE_FACTOR, UNEXPLAINED_RATIO
-from hums.gearbox.defect_orders import DefectOrder
+from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
@@ -254,9 +254,8 @@ def _families(orders: Numbers, bin_width: float) -> Numbers:
 _LOCKED = {"shaft", "planet_pass", "tooth", "planet_tooth"}
 
 
-def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], tolerance: float, slip: float) -> Drawn:
+def drawn_orders(rows: Sequence[DefectOrder], *, tolerance: float, slip: float) -> Drawn:
     """Return the orders that the drawing explains, from its defect orders."""
-    kinds = set(bearing_kinds)
     turning = {row.component: row.order for row in rows if row.kind == "shaft" and row.order > 0}
     planets = {
         (row.order, turning[row.seen_from], row.sources)
@@ -266,7 +265,7 @@ def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], t
     return Drawn(
         shafts=tuple(sorted({row.order for row in rows if row.kind in _LOCKED and row.order > 0})),
         meshes=tuple(sorted({row.order for row in rows if row.kind == "gear_mesh"})),
-        bearings=tuple(sorted({row.order for row in rows if row.kind in kinds})),
+        bearings=tuple(sorted({row.order for row in rows if row.kind in BEARING_KINDS})),
         planets=tuple(sorted(planets)),
         tolerance=tolerance,
         slip=slip,

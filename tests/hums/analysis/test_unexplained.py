@@ -143,7 +143,7 @@ def test_a_mesh_of_planets_out_of_phase_stands_beside_its_order():
 
 def test_planets_of_a_drawing_are_counted_with_their_carrier():
     rows = defects(load_gearbox("planetary-27-36-99"))
-    drawn = drawn_orders(rows, bearing_kinds=("inner_race",), tolerance=0.0, slip=0.02)
+    drawn = drawn_orders(rows, tolerance=0.0, slip=0.02)
     carrier = 27 / (27 + 99)  # Willis, the ring at rest
     assert drawn.planets == ((pytest.approx(99 * carrier), pytest.approx(carrier), 3),)
 
