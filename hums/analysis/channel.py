@@ -59,7 +59,7 @@ _WIDEST = 0.25  # of the rate: halves of the range are the widest bands
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
-_HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
+_HELD = 2**18  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _OF_THE_LINE = 0.5  # of a line in angle, which one in time must leave there: another line that is larger leaves nothing
 _HARMONICS_IN_TIME = 4.5  # of a line that is looked for in time: the first four, and half of one to the filter's edge
@@ -179,10 +179,10 @@ def analyse_channel(
     parts, pictures = list[_Part](), None
     failed: dict[int, str] = {}
     for segment in _analysable(segments, failed):
-        of_blocks = (order_spectrum(one, max_order=last) for one in _blocks(segment.signal, block, single=False))
-        for found in [segment.spectrum] if single else of_blocks:
-            pool = _Pool.add(pool, found, single=single)
+        pool = _with_order_spectra(pool, segment, block, single=single)
         envelopes.add(segment, block, single=single)
+        if not single:
+            segment.forget_spectra()
         parts.append(_part(segment, settings, baseline, channels=channels))
         if settings.pictures and segment.parts_per_turn == 1 and pictures is None:
             pictures = draw(segment, settings)
@@ -471,6 +471,16 @@ class _Pool:
             amplitude = np.sqrt(self.power)
             first = replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
         return pooled_spectrum(first, power=self.power, count=self.count)
+
+
+def _with_order_spectra(pool: _Pool | None, segment: Segment, block: float, *, single: bool) -> _Pool | None:
+    """Return the pool with the order spectra of the blocks of a segment added."""
+    blocks = _blocks(segment.signal, block, single=False)
+    for spectrum in (
+        [segment.spectrum] if single else (order_spectrum(one, max_order=segment.last_order) for one in blocks)
+    ):
+        pool = _Pool.add(pool, spectrum, single=single)
+    return pool
 
 
 @dataclass(frozen=True, kw_only=True)

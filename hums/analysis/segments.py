@@ -183,6 +183,11 @@ class Segment:
         """Order spectrum of `signal`."""
         return order_spectrum(self.signal, max_order=self.last_order)
 
+    def forget_spectra(self) -> None:
+        """Free the memory of the order spectrum and of the transform without lines, which envelopes alone need."""
+        for name in ("spectrum", "free_transform"):
+            self.__dict__.pop(name, None)
+
     def over_angle(
         self, rows: Sequence[Values], when: Sampling, last_order: float, *, highest_hz: float | None = None
     ) -> list[AngularSignal]:
