@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._transforms import forget_plans
 from signals._validation import Array, positive, whole
 
 if TYPE_CHECKING:
@@ -198,9 +197,7 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
     taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
     values[:ramp] *= taper
     values[size - ramp :] *= taper[::-1]
-    lines = np.asarray(fft.rfft(values, _padded(size)))
-    forget_plans(size)
-    return lines
+    return np.asarray(fft.rfft(values, _padded(size)))
 
 
 def _padded(size: int) -> int:
