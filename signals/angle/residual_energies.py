@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
+from signals._transforms import forget_plans
 from signals._validation import Array, positive, whole
 
 if TYPE_CHECKING:
@@ -115,9 +116,7 @@ def residual_energies(
         own = slice(bins[band], bins[band + 1])
         np.copyto(part[: own.stop - own.start], lines[own], where=~left_out[own])
         analytic = fft.ifft(part, overwrite_x=True)
-        np.square(analytic.real, out=energies[band])
-        energies[band] += np.square(analytic.imag)
-        energies[band] *= (2 * length / padded) ** 2
+        energies[band] = (2 * length / padded) ** 2 * (analytic.real**2 + analytic.imag**2)
     values = energies[:, : math.ceil(length * size / padded)]
     return BandEnergies(values=values, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
 
@@ -197,12 +196,9 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
     taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
     values[:ramp] *= taper
     values[size - ramp :] *= taper[::-1]
-    return np.asarray(fft.rfft(values, _padded(size)))
-
-
-def _padded(size: int) -> int:
-    """Return the length of the transform of `size` samples."""
-    return int(fft.next_fast_len(size, real=True))
+    lines = np.fft.rfft(values, fft.next_fast_len(size, real=True))  # pads without a copy
+    forget_plans(size)
+    return lines
 
 
 def _mesh_lines(
@@ -210,7 +206,7 @@ def _mesh_lines(
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_], int]:
     """Return the transform of a signal, which of its lines are mesh harmonics or close to one, and its length."""
     lines = tapered_transform(signal) if transform is None else transform
-    padded, on = _padded(signal.values.size), np.zeros(lines.size, dtype=bool)
+    padded, on = fft.next_fast_len(signal.values.size, real=True), np.zeros(lines.size, dtype=bool)
     per_order = padded / signal.samples_per_rev
     for mesh, spread in meshes.items():
         width = min(spread, mesh / 4)
@@ -266,7 +262,7 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     True
     """
     rate, pitch = positive(order, name="order"), positive(teeth, name="teeth")
-    size, padded = residual.values.size, _padded(residual.values.size)
+    size, padded = residual.values.size, fft.next_fast_len(residual.values.size, real=True)
     turn = rate * (residual.start_rev + np.arange(size) / residual.samples_per_rev) - position_rev
     highest = max(0, int(residual.passband_orders / (rate * pitch) - 0.5))
     # per harmonic: between the previous one and this, near this one, between this and the next; half of all lines are
