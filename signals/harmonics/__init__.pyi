@@ -8,7 +8,6 @@ from signals.harmonics.stream import OrderTracker as OrderTracker
 from signals.harmonics.tracker import track_orders as track_orders
 from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
 from signals.harmonics.tracking_results import OrderTracks as OrderTracks
-from signals.harmonics.tracking_results import OutputFlag as OutputFlag
 from signals.harmonics.waveform import order_waveform as order_waveform
 from signals.harmonics.waveform import residual_record as residual_record
 from signals.slipping_order.slip_tracking import SlippingTrack as SlippingTrack

@@ -1,21 +1,15 @@
-"""Frequency distances between orders, and the flags of outputs near others, gaps or the ends of the record."""
+"""Frequency distances between orders, and which of them leak into one another."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.state_space import Estimator, Flags, Floats, HarmonicModel, Indices
-from signals.harmonics.tracking_results import OutputFlag
+from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
 
 Gain = Callable[[Bandwidth, Floats], Floats]
-FlagArray = NDArray[np.uint8]
-
-_NEAR_END, _NEAR_GAP = np.uint8(OutputFlag.NEAR_END), np.uint8(OutputFlag.NEAR_GAP)
-_NOT_SEPARABLE, _ONE_QUADRATURE = np.uint8(OutputFlag.NOT_SEPARABLE), np.uint8(OutputFlag.ONE_QUADRATURE)
 
 # In cycles per sample: a sign change between two larger distances is the fold at half the rate, not a crossing.
 NEAR = 0.25
@@ -70,12 +64,8 @@ class Closeness:
         edges = np.arange(segments + 1) * max(samples - 1, 1) // segments
         middle = (edges[:-1] + edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
-        return cls.between(model, edges, model.phase(np.minimum(edges, samples - 1)), width)
-
-    @classmethod
-    def between(cls, model: HarmonicModel, edges: Indices, angle: Floats, width: Floats) -> "Closeness":
-        """Return those between edges with these (shaft, edge) angles, given (order, segment or 1) bandwidths."""
-        frequency = model.orders[:, None] * (np.diff(angle) / (2 * np.pi * np.diff(edges)))[model.shaft]
+        turns = model.phase(np.minimum(edges, samples - 1))[model.shaft] / (2 * np.pi)
+        frequency = model.orders[:, None] * np.diff(turns) / np.diff(edges)
         return cls(model, edges, frequency, np.broadcast_to(width, frequency.shape))
 
     def within(self, samples: slice) -> "Closeness":
@@ -84,15 +74,12 @@ class Closeness:
         own = slice(first, last + 1)
         return Closeness(self.model, self.edges[first : last + 2], self.frequency[:, own], self.bandwidth[:, own])
 
-    @property
-    def lengths(self) -> Floats:
-        """(segment,) array, samples in each."""
-        return (self.edges[1:] - self.edges[:-1]).astype(np.float64)
-
     @cached_property
     def nearest(self) -> Floats:
         """(order, order) array, least distances to the others, and on the diagonal to the order's own image."""
-        distance = np.diag(distances_to_images(self.model.orders, self.frequency).min(axis=1))
+        twice = 2 * self.frequency
+        at_image = np.abs(twice - np.rint(twice)).min(axis=1)
+        distance = np.diag(np.where(self.model.orders == 0, np.inf, at_image))
         for k in range(1, len(distance)):
             distance[k, :k] = distance[:k, k] = distances(self.frequency[k], self.frequency[:k]).min(axis=1)
         return distance
@@ -121,92 +108,11 @@ class Closeness:
             if near.size:
                 width = np.maximum(self.bandwidth[k], self.bandwidth[near])
                 close = distances(self.frequency[k], self.frequency[near]) < width / 2
-                duration = np.cumsum(np.where(close, width * self.lengths, 0.0), axis=1)
+                duration = np.cumsum(np.where(close, width * np.diff(self.edges), 0.0), axis=1)
                 since = duration - np.maximum.accumulate(np.where(close, 0.0, duration), axis=1)
                 if np.any(since >= 1):
                     return True
         return False
-
-    def flag(self, turns: Floats) -> FlagArray:
-        """Return (order, segment) flags: NOT_SEPARABLE, and ONE_QUADRATURE near the order's own image.
-
-        Orders are not separable within half a bandwidth of one another, or until they are a turn apart: (order, order)
-        turns of one relative to another, filled above the diagonal, are those of earlier segments, and grow by these.
-        """
-        close = np.zeros(self.frequency.shape, dtype=np.bool_)
-        samples, widest = self.lengths.sum(), self.bandwidth.max(axis=1)
-        for k in range(len(close) - 1):
-            reach = np.maximum(np.maximum(widest[k], widest[k + 1 :]) / 2, 1 / samples)
-            is_near = self.nearest[k, k + 1 :] < reach
-            near, far = k + 1 + np.flatnonzero(is_near), k + 1 + np.flatnonzero(~is_near)
-            turns[k, far] += 1
-            if near.size:
-                distance = distances(self.frequency[k], self.frequency[near])
-                turns[k, near] += distance @ self.lengths
-                near_each = distance < np.maximum(self.bandwidth[k], self.bandwidth[near]) / 2
-                near_each |= (turns[k, near] < 1)[:, None]
-                close[k] |= near_each.any(axis=0)
-                close[near] |= near_each
-        at_image = distances_to_images(self.model.orders, self.frequency) < self.bandwidth / 2
-        return np.asarray(_NOT_SEPARABLE * close | _ONE_QUADRATURE * at_image)
-
-
-def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
-    """Return (order, segment) distances from the order's own image, in cycles per sample; infinite for the mean."""
-    twice = 2 * frequency
-    distance = np.abs(twice - np.rint(twice))
-    distance[orders == 0] = np.inf
-    return np.asarray(distance)
-
-
-def flag_outputs(closeness: Closeness, seen: Flags, *, every: int, estimator: Estimator) -> FlagArray:
-    """Return (order, output) flags of a record's outputs.
-
-    `seen`, (sample,), is true where samples are observed; outputs are `every` samples apart. A "filter" uses no later
-    samples.
-    """
-    samples = seen.size
-    outputs = np.arange(0, samples, every)
-    orders = len(closeness.frequency)
-    flags = closeness.flag(np.zeros((orders, orders)))
-    found = np.zeros((orders, outputs.size), dtype=np.uint8)
-    places = np.searchsorted(outputs, np.append(closeness.edges[:-1], samples))
-    for segment in np.flatnonzero(flags.any(axis=0)):
-        found[:, places[segment] : places[segment + 1]] = flags[:, segment, None]
-    bandwidth = closeness.model.bandwidth
-    reach = output_range(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
-    first = int(seen.argmax()) if seen.any() else samples
-    flag_gaps(found, outputs, reach, seen, first=first, later=estimator == "smoother")
-    return found
-
-
-def output_range(bandwidth: Floats) -> Floats:
-    """Return half of 1 / bandwidth in samples, at least one: the range of samples that determine an output."""
-    return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
-
-
-def flag_gaps(flags: FlagArray, outputs: Indices, reach: Floats, seen: Flags, *, first: float, later: bool) -> None:
-    """Add NEAR_END and NEAR_GAP to (order, output) flags.
-
-    The (output,) outputs are ascending indices into `seen`, (sample,), which is true where observed; `first` is the
-    index of the record's first observed sample, negative where it came before these. The reach, (order, 1 or output),
-    is that of `output_range`; `later` says whether outputs use later samples too.
-    """
-    if not outputs.size:
-        return
-    last = np.inf if not later else seen.size - 1 - int(seen[::-1].argmax()) if seen.any() else -1
-    bounds = np.minimum([first + reach[:, 0], last - reach[:, -1]], outputs[-1] + 1.0)
-    # As integers: for floats all outputs would be converted.
-    for row, (start, stop) in zip(flags, np.searchsorted(outputs, np.ceil(bounds).astype(np.int64)).T, strict=True):
-        row[:start] |= _NEAR_END
-        row[stop:] |= _NEAR_END
-    if seen.all():
-        return
-    before = np.concatenate([[0], np.cumsum(seen)])
-    for k, half in enumerate(reach):
-        span = half.astype(np.int64)
-        begin, end = np.maximum(outputs - span, 0), np.minimum(outputs + (span if later else 0) + 1, seen.size)
-        flags[k] |= _NEAR_GAP * (before[end] - before[begin] <= 0.75 * (end - begin))
 
 
 def leaks(received: Floats, amplitude: Floats) -> Floats:

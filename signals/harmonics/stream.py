@@ -14,7 +14,7 @@ import numpy as np
 from signals._validation import choice, whole
 from signals.harmonics import _arguments
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
-from signals.harmonics.separability import Closeness, FlagArray, flag_gaps, output_range
+from signals.harmonics.separability import Closeness
 from signals.harmonics.state_space import Innovations
 from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze, statistics
 from signals.harmonics.tracking_results import OrderTracks
@@ -24,12 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.harmonics.state_space import Flags, Floats, Indices, Method, Order
-
-# Least number of segments, over which speeds are averaged, in one over the largest bandwidth.
-SEGMENTS = 4
-# Smallest bandwidth in cycles per sample for flags: below it, 1 / bandwidth overflows a count of samples.
-NARROWEST = 2.0**-48
+    from signals.harmonics.state_space import Floats, Method, Order
 
 
 @dataclass
@@ -40,9 +35,6 @@ class Progress:
     last_phase: Floats  # (shaft,) angles in rad at the last sample
     state: FilterState
     innovations: Innovations
-    turns: Floats  # (order, order), as `Closeness.flag` counts them
-    first_seen: float  # the first observed sample; infinite before it
-    missing: Indices  # missing samples, as far back as later outputs depend on them
     error_bound: float = 0.0  # of steady-state gains
 
 
@@ -135,9 +127,7 @@ class OrderTracker:
         Returns
         -------
         OrderTracks
-            `sample_index` counts from the start of the stream; innovations are those of all samples so far. Flags use
-            mean speeds over at most a quarter of 1 / bandwidth within the block; orders are not separable until
-            they are one cycle apart.
+            `sample_index` counts from the start of the stream; innovations are those of all samples so far.
         """
         block, phase = self._check_block(x, phase_rad)
         if self._progress is None:
@@ -145,60 +135,31 @@ class OrderTracker:
             self._progress = Progress(
                 one_channel=np.ndim(x) == 1, last_phase=np.full(len(self._shafts), np.nan),
                 state=FilterState.prior(self._model, channels=channels), innovations=Innovations(np.zeros(channels)),
-                turns=np.zeros((self._model.orders.size,) * 2), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
             )  # fmt: skip
-        now, model, samples = self._progress, replace(self._model, phases=tuple(phase)), block.shape[1]
-        outputs = np.arange(-now.state.count % self._every, samples, self._every)
-        closeness = self._closeness(now, phase)
-        flags = self._flags(now, closeness, outputs, ~np.isnan(block[0]))
+        now, model = self._progress, replace(self._model, phases=tuple(phase))
         steady = None
-        if self._steady is not None and (error := ripple(closeness)) <= LARGEST_RIPPLE:
-            steady, now.error_bound = self._steady, max(now.error_bound, error)
+        if self._steady is not None:
+            turned = np.column_stack([now.last_phase, phase]) if now.state.count else phase
+            error = ripple(Closeness.of(replace(model, phases=tuple(turned))))
+            if error <= LARGEST_RIPPLE:
+                steady, now.error_bound = self._steady, max(now.error_bound, error)
         amplitude, variance = filter_on(
             model, block, now.state, now.innovations, output_every=self._every, steady=steady,
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         now.last_phase = phase[:, -1].copy()
-        orders = len(self._orders)
+        orders, outputs = len(self._orders), amplitude.shape[-1]
         estimate = now.innovations.estimate(amplitude, variance).of_orders(orders)
-        found = statistics(block, estimate, flags[:orders], self._noise)
+        found = statistics(block, estimate, self._noise)
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
             orders=model.orders[:orders], shafts=self._names, bandwidth=self._width.given,
             bandwidth_units=self._width.units, bandwidth_cycles=self._width.cycles[:, 0], poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,
-            std_spacing=self._every if variance.shape[1] < outputs.size else None,
-            first_output=self._every * (-(-now.state.count // self._every) - outputs.size),
+            std_spacing=self._every if variance.shape[1] < outputs else None,
+            first_output=self._every * (-(-now.state.count // self._every) - outputs),
         )  # fmt: skip
-
-    def _closeness(self, now: Progress, phase: Floats) -> Closeness:
-        """Return the distances of orders in the segments of a block; the first one begins at the last sample before."""
-        samples, first = phase.shape[1], now.state.count
-        length = int(max(1.0, 1 / (SEGMENTS * max(float(self._model.bandwidth.max()), NARROWEST))))
-        ends = np.append(np.arange(-(first + 1) % length, samples - 1, length), samples - 1)
-        start = 0 if first == 0 and samples > 1 else -1  # the first block has no sample before
-        edges = np.append(start, ends[ends > start])
-        angle = np.column_stack([now.last_phase if first else phase[:, 0], phase[:, edges[1:]]])
-        return Closeness.between(self._model, edges, angle, self._model.bandwidth)
-
-    def _flags(self, now: Progress, closeness: Closeness, outputs: Indices, seen: Flags) -> FlagArray:
-        """Return the (order, output) flags of a block."""
-        model, first, samples = self._model, now.state.count, seen.size
-        flags = closeness.flag(now.turns)
-        found = flags[:, np.clip(np.searchsorted(closeness.edges, outputs) - 1, 0, flags.shape[1] - 1)]
-        if seen.any():
-            now.first_seen = min(now.first_seen, float(first + seen.argmax()))
-        reach = output_range(np.maximum(model.bandwidth, NARROWEST))
-        farthest = ceil(float(reach.max()))
-        start = max(first - farthest, 0) if now.missing.size or not seen.all() else first
-        if start < first or first < now.first_seen + farthest:
-            window = np.concatenate([np.ones(first - start, dtype=np.bool_), seen])
-            window[now.missing - start] = False
-            flag_gaps(found, outputs + first - start, reach, window, first=now.first_seen - start, later=False)
-        missing = np.concatenate([now.missing, first + np.flatnonzero(~seen)])
-        now.missing = missing[missing >= first + samples - farthest]
-        return found
 
     def _check_block(self, x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:
         """Return (channel, sample) and (shaft, sample) arrays that continue the last block, or refuse them."""

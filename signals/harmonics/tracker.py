@@ -15,7 +15,7 @@ from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_smoother import block_length, exact, exact_length, fast, scattered_share
 from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.noise_density import noise_density
-from signals.harmonics.separability import Closeness, FlagArray, flag_outputs
+from signals.harmonics.separability import Closeness
 from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, lost
 from signals.harmonics.tracking_results import OrderTracks
 
@@ -119,7 +119,7 @@ def track_orders(
     Returns
     -------
     OrderTracks
-        Amplitudes, standard deviations, flags and statistics of the innovations.
+        Amplitudes, standard deviations and statistics of the innovations.
 
     Raises
     ------
@@ -198,8 +198,7 @@ def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: 
     """Return the estimate of channels that miss the same samples, and the (channel, ...) fields of the first orders."""
     seen = ~np.isnan(record[0])
     estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
-    flags = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
-    found = statistics(record, estimate.of_orders(orders), flags[:orders], task.noise_variance)
+    found = statistics(record, estimate.of_orders(orders), task.noise_variance)
     if task.noise_variance is None:
         fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovation_samples * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
@@ -209,8 +208,8 @@ def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: 
     return estimate, found
 
 
-def statistics(record: Floats, estimate: Estimate, flags: FlagArray, given: float | None) -> dict[str, Any]:
-    """Return the (channel, ...) fields of `OrderTracks`; all channels share variances and flags, (order, output).
+def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[str, Any]:
+    """Return the (channel, ...) fields of `OrderTracks`; all channels share variances.
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
@@ -222,7 +221,6 @@ def statistics(record: Floats, estimate: Estimate, flags: FlagArray, given: floa
     return {
         "complex_amplitude": estimate.amplitude,
         "settling_variance": np.broadcast_to(estimate.variance, (channels, *estimate.variance.shape)),
-        "flags": np.broadcast_to(flags, (channels, *flags.shape)),
         "noise_variance": noise,
         "noise_density": np.broadcast_to(noise[:, None, None], (channels, estimate.amplitude.shape[-2], 1)),
         "noise_freedom": np.full((channels, 1, 1), np.inf),

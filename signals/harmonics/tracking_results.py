@@ -1,9 +1,8 @@
-"""Results of the order trackers: complex amplitudes, standard deviations, flags and statistics of the innovations."""
+"""Results of the order trackers: complex amplitudes, standard deviations and statistics of the innovations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import IntFlag
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,28 +11,7 @@ import numpy as np
 from signals._validation import positive
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from signals.harmonics.state_space import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
-
-
-class OutputFlag(IntFlag):
-    """Reasons why an output is less certain than its neighbours; several are combined bitwise.
-
-    In a stream "the record" is the part received when the output was returned.
-
-    Examples
-    --------
-    >>> from signals.harmonics import OutputFlag
-    >>> OutputFlag(5)
-    <OutputFlag.NEAR_END|NOT_SEPARABLE: 5>
-    """
-
-    NONE = 0
-    NEAR_END = 1  # within half of 1 / bandwidth of the first sample or, smoother only, of the last
-    NEAR_GAP = 2  # a quarter or more of the samples within half of 1 / bandwidth are missing
-    NOT_SEPARABLE = 4  # within half a bandwidth of another order, or less than one cycle apart over the whole record
-    ONE_QUADRATURE = 8  # within half a bandwidth of its own image: the shaft at rest, or the order at half the rate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +32,6 @@ class OrderTracks:
         Samples between these nodes; None if `settling_variance` is given at the outputs.
     angle_std : (order, output or 1) array
         Standard deviation of `order phase_rad` in rad; None if not given.
-    flags
-        ([channel,] order, output) array of `OutputFlag`; a view if all channels miss the same samples.
     orders : (order,) array
         Cycles per revolution of the order's own shaft.
     shafts
@@ -96,7 +72,8 @@ class OrderTracks:
 
     Examples
     --------
-    The standard deviation far from the ends is that of the theory of one isolated order:
+    The standard deviation far from the ends is that of the theory of one isolated order. It is larger near ends and
+    gaps, where orders are too close to be told apart, and where the shaft rests:
 
     >>> import numpy as np
     >>> from signals.harmonics import isolated_std, track_orders
@@ -109,7 +86,6 @@ class OrderTracks:
 
     complex_amplitude: Complexes = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
     settling_variance: Floats = field(metadata={"dims": ("channel", "order", "settling"), "units": "1"})
-    flags: NDArray[np.uint8] = field(metadata={"dims": ("channel", "order", "output"), "units": "1"})
     orders: Floats = field(metadata={"dims": ("order",), "units": "1"})
     bandwidth: Floats = field(metadata={"dims": ("order",), "units": "as bandwidth_units"})
     bandwidth_cycles: Floats = field(metadata={"dims": ("order",), "units": "1"})

@@ -1,9 +1,7 @@
-"""How long lines stay close, and the flag of a line near its image: against definitions."""
+"""How long lines stay close: against definitions."""
 
 import numpy as np
-import pytest
 
-from signals.harmonics import OrderTracker, OutputFlag, track_orders
 from signals.harmonics.separability import SEGMENTS, Closeness
 from signals.harmonics.state_space import HarmonicModel
 
@@ -82,22 +80,3 @@ class TestDwell:
             stay = stay + width * LENGTH if distance < width / 2 else 0.0
             longest = max(longest, stay)
         return longest
-
-
-class TestImageFlag:
-    """A line at f has an image at -f and one at 1 - f: 2 f and 1 - 2 f away, to be half a bandwidth at least."""
-
-    @pytest.mark.parametrize("width", [0.002, 0.02])
-    @pytest.mark.parametrize(("part", "flagged"), [(0.0, True), (0.245, True), (0.255, False), (0.6, False)])
-    @pytest.mark.parametrize("side", ["rest", "half the rate"])
-    def test_is_as_wide_as_half_a_bandwidth(self, width, part, flagged, side):
-        frequency = part * width if side == "rest" else 0.5 - part * width
-        n = np.arange(3000)
-        x = np.random.default_rng(0).standard_normal(n.size)
-        settings = {"orders": [0, 1], "bandwidth_hz": width, "rate_hz": 1.0, "noise_variance": 1.0}
-        phase = 2 * np.pi * frequency * n
-        whole = track_orders(x, phase_rad=phase, **settings)
-        stream = OrderTracker(**settings).update(x, phase_rad=phase)
-        for flags in (whole.flags, stream.flags[:, 1000:]):
-            assert np.all((flags[1] & OutputFlag.ONE_QUADRATURE > 0) == flagged)
-            assert not np.any(flags[0] & OutputFlag.ONE_QUADRATURE)

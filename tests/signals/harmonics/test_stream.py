@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import process_variance, track_orders
+from signals.harmonics import isolated_std, process_variance, track_orders
 from signals.harmonics.stream import OrderTracker
 
 SAMPLES = 3000
@@ -75,7 +75,7 @@ def test_a_tracker_goes_on_from_its_state(method, channels, tmp_path):
     settings = COMMON | {"method": method, "output_every": 3, "poles": 2}
     straight = stream(OrderTracker(**settings), x, phase, [700])
     stopped = stream(OrderTracker(**settings), x, phase, [700], between=kept)
-    for name in ("complex_amplitude", "std", "sample_index", "flags"):
+    for name in ("complex_amplitude", "std", "sample_index"):
         assert_array_equal(joined(stopped, name), joined(straight, name))
     assert_array_equal(stopped[-1].innovation_mean_square, straight[-1].innovation_mean_square)
 
@@ -212,3 +212,35 @@ def test_two_hundred_memories_do_not_drift():
     assert np.abs(error).max() < 5
     assert_allclose(tracks.innovation_mean_square, 1.0, rtol=2e-3)
     assert tracks.sample_index[-1] == blocks * block - 1000
+
+
+STEADY = {"bandwidth_hz": 0.004, "rate_hz": 1.0, "noise_variance": 1.0}
+
+
+@pytest.mark.parametrize("size", [1, 61, SAMPLES])
+def test_std_tells_orders_that_cannot_be_separated_yet(size):
+    x, phase = np.random.default_rng(0).standard_normal(SAMPLES), 0.3 * np.arange(SAMPLES)
+    std = joined(stream(OrderTracker(orders=[1, 1.0001, 3], **STEADY), x, phase, [size]), "std")
+    usual = isolated_std(orders=[3], bandwidth=0.004, rate=1.0, poles=1, noise_variance=1.0, estimator="filter")
+    # The first two are never a turn apart; the third is, from both, after ten samples.
+    assert np.all(std[:2] > 100 * usual)
+    assert np.all(std[2, :6] > 10 * usual)
+    assert_allclose(std[2, 100:], np.full(SAMPLES - 100, usual[0]), rtol=0.05)
+
+
+@pytest.mark.parametrize("size", [1, 61, SAMPLES])
+def test_std_grows_while_a_shaft_rests(size):
+    n = np.arange(SAMPLES)
+    phase = 2 * np.pi * 0.05 * np.where(n < 900, n, np.maximum(n - 600, 900))
+    x = np.random.default_rng(0).standard_normal(SAMPLES)
+    std = joined(stream(OrderTracker(orders=[0, 1], **STEADY), x, phase, [size]), "std")
+    usual = std[:, [899]]
+    # Within a quarter of 1 / bandwidth at rest, and until as long after it.
+    assert np.all(std[:, 962:1500] > 1.2 * usual)
+    assert_allclose(std[:, 1750:], np.repeat(usual, SAMPLES - 1750, axis=1), rtol=0.02)
+
+
+def test_a_single_sample_tells_one_quadrature_of_one_order():
+    tracks = OrderTracker(orders=[0, 1], **STEADY).update([1.0], phase_rad=[0.3])
+    assert np.all(tracks.std > 500)  # half of the variance of the prior, a million, at least
+    assert np.isnan(tracks.innovation_mean_square)
