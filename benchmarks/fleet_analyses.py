@@ -69,14 +69,14 @@ name = "{name}"
 [[class.change.fault]]
 kind = "{kind}"
 component = "{component}"
-{size} = {{ log = [{least}, 3], label = "severity_mm" }}
+{size} = {{ log = [{least}, {most}], label = "severity_mm" }}
 """
 SIZES = (
-    ("crack", "tooth_crack", "stage 1/pinion", "depth_mm", 0.1),
-    ("spall", "spall", "stage 2/output", "size_mm", 0.1),
-    ("eccentricity", "eccentricity", "stage 1/intermediate", "size_mm", 0.02),
-    ("inner race", "inner_race", "intermediate bearing", "size_mm", 0.1),
-    ("outer race", "outer_race", "input bearing", "size_mm", 0.1),
+    ("crack", "tooth_crack", "stage 1/pinion", "depth_mm", 0.1, 3),
+    ("spall", "spall", "stage 2/output", "size_mm", 0.1, 3),
+    ("eccentricity", "eccentricity", "stage 1/intermediate", "size_mm", 0.02, 0.7),
+    ("inner race", "inner_race", "intermediate bearing", "size_mm", 0.1, 3),
+    ("outer race", "outer_race", "input bearing", "size_mm", 0.1, 3),
 )
 
 
@@ -100,8 +100,8 @@ class Analyses:
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     """Return the analyses in the folder that faults are learned from; make what is missing."""
     text = PLAN.format(records=records, machines=MACHINES, seed=1)
-    for name, kind, component, size, least in SIZES:
-        text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least)
+    for name, kind, component, size, least, most in SIZES:
+        text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least, most=most)
     rows, labels = _analysed(folder, text, workers)
     kinds = [str(kind) for kind in labels["class"].to_numpy()]
     found, classes = [series_of(row) for row in rows], np.array(kinds)
