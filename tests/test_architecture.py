@@ -61,7 +61,7 @@ ONE_DOOR = {
     "h5py": ("hums.records.store", "hums.records._netcdf"),
     "matplotlib": ("hums.plots",),
     "dask": ("hums.jobs",),
-    "pyarrow": ("hums.fleet.parquet", "data_synth.dataset_folder"),
+    "pyarrow": ("data_synth.dataset_folder",),
     "filterpy": ("signals.harmonics.reference",),
     "numba": ("signals._compile",),
 }

@@ -235,17 +235,13 @@ def analyze_fleet(
         errors=errors,
         no_trends=no_trends,
         alarms=sum(len(history.alarms) for history in histories),
-        learning=tuple(history.state.machine for history in histories if _is_learning(history)),
+        learning=tuple(history.state.machine for history in histories if history.waiting == "learning"),
     )
 
 
 FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5")
 """What `analyze_fleet` writes for its readers into the folder."""
 _INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/3"
-
-
-def _is_learning(history: MachineHistory) -> bool:
-    return history.last is None and not history.state.unwatched_since
 
 
 def _tables(

@@ -10,7 +10,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -36,7 +35,7 @@ from signals.monitoring.health import Normal, Reading, learn_machine, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
 
 Array = NDArray[np.float64]
-RISES, FALLS = "level rises", "level falls suddenly"
+RISES, FALLS, _HEALTH = "level rises", "level falls suddenly", ": health"
 MOST_LEVERAGE = 1.0
 """Variance of the prediction over that of the series above which a record is not judged: the regression would add as
 much scatter as the record itself has (our choice)."""
@@ -48,6 +47,7 @@ class Epoch:
     """A baseline with its charts or, until it is learned, the records collected for it.
 
     ``names`` has the component of each score; those of one component are adjacent, the first of them of all its series.
+    ``watched`` has the places of the scores of each component, and of each monitored quantity of a sensor.
     ``counted``: the baseline is learned from the next records, as after a replacement, whatever the settings choose;
     ``diagnosed`` names the components that a verdict on one of its records diagnosed.
     """
@@ -62,6 +62,7 @@ class Epoch:
     low: Array = field(default_factory=lambda: np.zeros(0))
     high: Array = field(default_factory=lambda: np.zeros(0))
     names: tuple[str, ...] = ()
+    watched: dict[str, tuple[int, ...]] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
     normal: Normal | None = None
     limits: MachineLimits | None = None
@@ -77,11 +78,6 @@ class Epoch:
             raise MonitorError("this baseline is incomplete; monitor more records first.")
         return self.normal, self.limits
 
-    @property
-    def watched(self) -> Mapping[str, tuple[int, ...]]:
-        """Places of the scores of each component, and of each monitored quantity of a sensor."""
-        return _watched(self.names, self.channels)
-
     def learn(self, machine: str, settings: MonitorSettings) -> None:
         """Learn the baseline from the collected records, and discard them."""
         seen = self.pending
@@ -93,6 +89,8 @@ class Epoch:
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
         self.names, self.channels, layout = layout_of(self.series)
+        scores = (*self.names, *(f"sensor {channel}: {what}" for what in (RISES, FALLS) for channel in self.channels))
+        self.watched = {name: tuple(n for n, one in enumerate(scores) if one == name) for name in dict.fromkeys(scores)}
         times_s = np.array([seconds_since_1970(one.recorded_at) for one in seen])
         self.normal, own, independent = learn_machine(
             values[:, kept], _logarithms(at), times_s, layout, prior_of(self.series, layout)
@@ -126,6 +124,10 @@ class Epoch:
         """Return a record relative to the baseline."""
         at = np.array([seen.covariates[name] for name in self.covariates])
         return self.learned[0].read(vector(seen.values, self.series), _logarithms(at), recent)
+
+    def verdict_words(self, component: str) -> str:
+        """Return the first driver of an alarm by a verdict: a component damaged in the baseline has wide limits."""
+        return "diagnosed, as in its baseline" if component in self.diagnosed else "diagnosed"
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
@@ -260,9 +262,8 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     if nothing_new := _nothing_new(state, seen):
         return Judgement(judged=False, why=nothing_new)
     _do(state, seen, work)
-    alarms = _sensor_alarms(state, seen)
     if seen.unjudged:
-        return _refused(state, seen, seen.unjudged, alarms)
+        return _refused(state, seen, seen.unjudged, _raised(state, seen, _of_sensors(state, seen)))
     stratum = _stratum(state, seen)
     outside = "" if stratum else f"regime {seen.regime!r} is not in the baseline"
     readings = {}
@@ -273,14 +274,20 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
             outside = outside or refusal
             continue
         readings[number] = epoch.judge(seen)
-    alarms += _unjudged_verdicts(state, stratum or state.epochs, seen, readings)
+    shown = _of_sensors(state, seen) | _of_verdicts(state, stratum or state.epochs, seen, readings)
     if not readings:
-        if outside:
-            return _refused(state, seen, outside, alarms)
-        return Judgement(judged=False, why="learning", alarms=tuple(alarms))
+        alarms = _raised(state, seen, shown)
+        return (
+            _refused(state, seen, outside, alarms)
+            if outside
+            else Judgement(judged=False, why="learning", alarms=alarms)
+        )
     state.judged += 1
     state.regime, state.unwatched_since = seen.regime, ""
-    return _judged(state, seen, readings, alarms)
+    found = Judgement(judged=True)
+    for number, (reading, indices) in readings.items():
+        shown |= _of_charts(state, number, seen, reading, indices, found)
+    return replace(found, alarms=_raised(state, seen, shown))
 
 
 def _nothing_new(state: MachineState, seen: Observation) -> str:
@@ -329,92 +336,153 @@ def _learns(state: MachineState, epoch: Epoch, seen: Observation) -> bool:
     return False
 
 
-def _refused(state: MachineState, seen: Observation, why: str, alarms: list[dict[str, Any]]) -> Judgement:
+def _refused(state: MachineState, seen: Observation, why: str, alarms: tuple[dict[str, Any], ...]) -> Judgement:
     state.refused += 1
-    state.unwatched_since = state.unwatched_since or seen.recorded_at or seen.record
-    return Judgement(judged=False, why=why, alarms=tuple(alarms))
+    state.unwatched_since = state.unwatched_since or seen.when
+    return Judgement(judged=False, why=why, alarms=alarms)
 
 
-class _Rise(NamedTuple):
-    """A component that reaches its limit: whether a verdict or its kind names it, its earlier alarm, and its row."""
-
-    name: str
-    named: bool
-    before: Alarm
-    row: dict[str, Any]
+# ---- what a record shows of each component, and the alarms -----------------------------------------------------------
 
 
-def _judged(
+class _Shown(NamedTuple):
+    """What a record shows of a component.
+
+    Its condition index; the channels and indicators that drive it, the largest deviation first; the severity of an
+    alarm; the baseline; whether a change begins with this record; whether a verdict or its kind names it; and whether
+    its baseline had bursts.
+    """
+
+    value: float
+    drivers: Sequence[tuple[str, str]]
+    severity: str
+    baseline: str = ""
+    begins: bool = True
+    named: bool = True
+    bursts: bool = False
+
+
+def _of_sensors(state: MachineState, seen: Observation) -> dict[str, _Shown]:
+    """Return what a record shows of each sensor that is or was faulty; its index is 1 while it is."""
+    if seen.unjudged == "not analysed":
+        return {}
+    sensors = {name[len("sensor ") : -len(_HEALTH)] for name in state.alarms if name.endswith(_HEALTH)}
+    return {
+        f"sensor {sensor}{_HEALTH}": _Shown(
+            value=float(sensor in seen.faulty),
+            drivers=[(sensor, f"health: {seen.faulty.get(sensor, '')}")],
+            severity="sensor",
+        )
+        for sensor in sorted(sensors | set(seen.faulty))
+    }
+
+
+def _of_verdicts(
     state: MachineState,
+    epochs: Mapping[int, Epoch],
     seen: Observation,
-    readings: dict[int, tuple[Reading, Array]],
-    alarms: list[dict[str, Any]],
-) -> Judgement:
-    """Return the condition index of every component by the epoch that governs it, and update its alarm."""
-    index, scores, growth, ratio = {}, {}, {}, {}
-    rises = list[_Rise]()
-    for number, (reading, indices) in readings.items():
-        epoch = state.epochs[number]
-        ranked, closeness = _ranked(epoch, reading), np.nan_to_num(indices, nan=-np.inf).tolist()
-        for name, places in epoch.watched.items():
-            component, _, what = name.partition(": ")
-            if state.epoch_of(component) != number:
-                continue
-            place = max(places, key=closeness.__getitem__)
-            charts, diagnosed = float(indices[place]), component in seen.diagnosed and not what
-            index[name] = max(1.0, charts) if diagnosed else charts  # at the limit because of the verdict alone
-            scores[name] = float(reading.scores[places[0]])
-            alarm = state.alarms.setdefault(name, Alarm())
-            if epoch.charts.rising[place] <= 1 and not any(alarm.recent):
-                alarm.since = seen.recorded_at or seen.record
-            growth[name], ratio[name] = _driver(epoch, reading, name, ranked[place][0])
-            before = replace(alarm)
-            if alarm.step(index[name], bursts=bool(epoch.bursts[place])):
-                those = ranked[place][:_DRIVERS]
-                drivers = [_driver(epoch, reading, name, i)[0][:2] for i in those if i >= 0 or what]
-                severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
-                if diagnosed:
-                    drivers.insert(0, (drivers[0][0], _verdict_words(epoch, component)))
-                    severity = severity if charts >= 1 else "verdict"
-                row = _alarm(state, seen, name, drivers, value=index[name], severity=severity, baseline=epoch.identity)
-                rises.append(_Rise(name, bool(what) or diagnosed, before, row))
-    alarms += _causes(state, rises, index)
-    return Judgement(judged=True, index=index, scores=scores, growth=growth, ratio=ratio, alarms=tuple(alarms))
+    readings: Mapping[int, tuple[Reading, Array]],
+) -> dict[str, _Shown]:
+    """Return what verdicts show of components that no baseline judges: none is learned, or it refuses the record.
+
+    While a baseline is learned, a record without a diagnosis counts too, by the same rule of m of n.
+    """
+    shown = {}
+    for component in sorted({*seen.diagnosed, *(name for name in state.alarms if ": " not in name)}):
+        number, diagnosed = state.epoch_of(component), component in seen.diagnosed
+        epoch = epochs[number]
+        if (number not in readings or component not in epoch.names) and (diagnosed or epoch.normal is None):
+            drivers = [("", epoch.verdict_words(component))]
+            shown[component] = _Shown(float(diagnosed), drivers, "verdict", epoch.identity, begins=diagnosed)
+    return shown
 
 
-def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return the rows of rises that are separate alarms; those that follow from a standing alarm are listed in its row.
+def _of_charts(
+    state: MachineState, number: int, seen: Observation, reading: Reading, indices: Array, found: Judgement
+) -> dict[str, _Shown]:
+    """Return what a record shows of the components that an epoch governs, and enter it into the judgement."""
+    epoch, shown = state.epochs[number], {}
+    ranked, closeness = _ranked(epoch, reading), np.nan_to_num(indices, nan=-np.inf).tolist()
+    for name, places in epoch.watched.items():
+        component, _, what = name.partition(": ")
+        if state.epoch_of(component) != number:
+            continue
+        place = max(places, key=closeness.__getitem__)
+        charts, diagnosed = float(indices[place]), component in seen.diagnosed and not what
+        index = max(1.0, charts) if diagnosed else charts  # at the limit because of the verdict alone
+        found.index[name], found.scores[name] = index, float(reading.scores[places[0]])
+        found.growth[name], found.ratio[name] = _driver(epoch, reading, name, ranked[place][0])
+        severity = "sensor" if what else "severe" if index >= SEVERE else "alarm"
+        drivers = [found.growth[name][:2]]
+        if index >= 1 and not what:
+            drivers = [_driver(epoch, reading, name, i)[0][:2] for i in ranked[place][:_DRIVERS] if i >= 0]
+        if diagnosed:
+            drivers.insert(0, (drivers[0][0], epoch.verdict_words(component)))
+            severity = severity if charts >= 1 else "verdict"
+        shown[name] = _Shown(
+            value=index,
+            drivers=drivers,
+            severity=severity,
+            baseline=epoch.identity,
+            begins=bool(epoch.charts.rising[place] <= 1),
+            named=bool(what) or diagnosed,
+            bursts=bool(epoch.bursts[place]),
+        )
+    return shown
+
+
+def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown]) -> tuple[dict[str, Any], ...]:
+    """Update all alarms, and return the rows of those raised; what follows from a standing one is listed in its row.
 
     Impacts of one component appear in the envelopes of others, modulate with its shaft and raise the record's crest
     factor. A rise is therefore attributed to the largest standing alarm of a component, unless a verdict names it or it
     is twice as large.
     """
-    alarms = []
-    for rise in sorted(rises, key=lambda one: (not one.named, -index[one.name])):
-        name, whole = rise.name, rise.name.startswith(WHOLE_SIGNAL)
+    rises, alarms = list[tuple[str, Alarm]](), []
+    for name, one in shown.items():
+        alarm = state.alarms.setdefault(name, Alarm())
+        if one.begins and not any(alarm.recent):
+            alarm.since = seen.when
+        before = replace(alarm)
+        if alarm.step(one.value, bursts=one.bursts):
+            rises.append((name, before))
+    for name, before in sorted(rises, key=lambda rise: (not shown[rise[0]].named, -shown[rise[0]].value)):
+        one, alarm = shown[name], state.alarms[name]
         standing = {
-            other: index.get(other, row["value"])
+            other: shown[other].value if other in shown else row["value"]
             for other, row in state.standing.items()
             if ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
         }
         cause = max(standing, key=lambda other: standing[other], default="")
-        if not cause or rise.named or (not whole and index[name] >= AGAIN * standing[cause]):
-            state.alarms[name].row = rise.row
-            alarms.append(rise.row)
+        again = not name.startswith(WHOLE_SIGNAL) and one.value >= AGAIN * standing.get(cause, 0.0)
+        if not cause or one.named or again:
+            alarm.row = _row(state, seen, name, one)
+            alarms.append(alarm.row)
         else:
             row = state.alarms[cause].row
             row["consequences"] = "; ".join(sorted({*filter(None, row["consequences"].split("; ")), name}))
-            state.alarms[name] = replace(state.alarms[name], state=rise.before.state, raised_at=rise.before.raised_at)
-    return alarms
+            state.alarms[name] = replace(alarm, state=before.state, raised_at=before.raised_at)
+    return tuple(alarms)
 
 
-@lru_cache(maxsize=1024)
-def _watched(names: tuple[str, ...], channels: tuple[str, ...]) -> Mapping[str, tuple[int, ...]]:
-    levels = [f"sensor {channel}: {what}" for what in (RISES, FALLS) for channel in channels]
-    places: dict[str, tuple[int, ...]] = {}
-    for place, name in enumerate((*names, *levels)):
-        places[name] = (*places.get(name, ()), place)
-    return places
+def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> dict[str, Any]:
+    """Return the row of a new alarm."""
+    return {
+        "machine": state.machine,
+        "component": name.partition(": ")[0],
+        "channel": shown.drivers[0][0],
+        "indicator": "; ".join(dict.fromkeys(word for _, word in shown.drivers)),
+        "record": seen.record,
+        "recorded_at": seen.recorded_at,
+        "since": state.alarms[name].since or seen.when,
+        "value": shown.value,
+        "false_alarm_every": state.settings.false_alarm_every,
+        "severity": shown.severity,
+        "state": RAISED,
+        "consequences": "",
+        "baseline": shown.baseline,
+        "version": version("hums-toolkit"),
+    }
 
 
 def _ranked(epoch: Epoch, reading: Reading) -> list[list[int]]:
@@ -444,89 +512,6 @@ def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int
     ranked = _ranked(epoch, reading)[epoch.names.index(component)]
     known = [i for i in ranked if i >= 0 and math.isfinite(reading.departures[i])]
     return tuple(epoch.series[i] for i in known[:most])
-
-
-def _alarm(
-    state: MachineState,
-    seen: Observation,
-    name: str,
-    drivers: Sequence[tuple[str, str]],
-    *,
-    value: float,
-    severity: str,
-    baseline: str = "",
-) -> dict[str, Any]:
-    """Return a new alarm; `drivers` are channels and indicators, the largest deviation first."""
-    return {
-        "machine": state.machine,
-        "component": name.partition(": ")[0],
-        "channel": drivers[0][0] if drivers else "",
-        "indicator": "; ".join(dict.fromkeys(word for _, word in drivers)),
-        "record": seen.record,
-        "recorded_at": seen.recorded_at,
-        "since": state.alarms[name].since or seen.recorded_at or seen.record,
-        "value": value,
-        "false_alarm_every": state.settings.false_alarm_every,
-        "severity": severity,
-        "state": RAISED,
-        "consequences": "",
-        "baseline": baseline,
-        "version": version("hums-toolkit"),
-    }
-
-
-def _verdict_words(epoch: Epoch, component: str) -> str:
-    """Return the first driver of an alarm by a verdict: a component damaged in its baseline has wide limits."""
-    return "diagnosed, as in its baseline" if component in epoch.diagnosed else "diagnosed"
-
-
-def _unjudged_verdicts(
-    state: MachineState,
-    epochs: Mapping[int, Epoch],
-    seen: Observation,
-    readings: Mapping[int, tuple[Reading, Array]],
-) -> list[dict[str, Any]]:
-    """Return alarms of components that a record diagnoses but no baseline judges: none is learned, or it is refused.
-
-    While a baseline is learned, a record without a diagnosis counts too, by the same rule of m of n.
-    """
-    alarms: list[dict[str, Any]] = []
-    for component in sorted({*seen.diagnosed, *(name for name in state.alarms if ": " not in name)}):
-        number = state.epoch_of(component)
-        epoch, shown = epochs[number], component in seen.diagnosed
-        if (number in readings and component in epoch.names) or not (shown or epoch.normal is None):
-            continue
-        alarm = state.alarms.setdefault(component, Alarm())
-        if shown and not any(alarm.recent):
-            alarm.since = seen.recorded_at or seen.record
-        driver = ("", _verdict_words(epoch, component))
-        alarms += _stepped(state, seen, component, shown, driver, severity="verdict", baseline=epoch.identity)
-    return alarms
-
-
-def _stepped(
-    state: MachineState, seen: Observation, name: str, shown: bool, driver: tuple[str, str], **more: str
-) -> list[dict[str, Any]]:
-    """Update an alarm whose index is 1 in records that show it, else 0; return its row if it is raised."""
-    alarm = state.alarms.setdefault(name, Alarm())
-    if not alarm.step(float(shown)):
-        return []
-    alarm.row = _alarm(state, seen, name, [driver], value=1.0, **more)
-    return [alarm.row]
-
-
-def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
-    """Return the alarms of faulty sensors, by the same rule, with an index of 1 while they are faulty."""
-    alarms: list[dict[str, Any]] = []
-    if seen.unjudged == "not analysed":
-        return alarms
-    watched = {
-        name.removeprefix("sensor ").removesuffix(": health") for name in state.alarms if name.endswith(": health")
-    }
-    for sensor in sorted(watched | set(seen.faulty)):
-        driver = (sensor, f"health: {seen.faulty.get(sensor, '')}")
-        alarms += _stepped(state, seen, f"sensor {sensor}: health", sensor in seen.faulty, driver, severity="sensor")
-    return alarms
 
 
 # ---- maintenance -----------------------------------------------------------------------------------------------------

@@ -45,6 +45,11 @@ class Observation:
     unjudged: str = ""
     diagnosed: tuple[str, ...] = ()
 
+    @property
+    def when(self) -> str:
+        """Time of the record or, without one, its name."""
+        return self.recorded_at or self.record
+
 
 def observation(row: Mapping[str, Any]) -> Observation:
     """Return the observation in the results of one record, as `hums.fleet.fleet_analysis` stores them."""

@@ -1,4 +1,4 @@
-"""Indicators of all records as a tidy Parquet file; the only module that imports pyarrow, which is optional."""
+"""Indicators of all records as a tidy Parquet file; pandas writes it with pyarrow, which is optional."""
 
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import INDICATOR
@@ -14,7 +15,6 @@ from hums.records.outputs import atomic_write
 
 NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
 _FACTS = ("record", "machine", "recorded_at")
-_RECORDS = 1_000  # of a group: some 10 MB of memory while it is written
 
 
 def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
@@ -36,31 +36,12 @@ def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
     if find_spec("pyarrow") is None:
         path.unlink(missing_ok=True)
         return NO_PYARROW
-    import pyarrow as pa  # noqa: PLC0415 - an optional part
-    from pyarrow.parquet import ParquetWriter  # noqa: PLC0415
-
-    names = pa.dictionary(pa.int32(), pa.string())
-    fields = [(name, names) for name in (*_FACTS, *INDICATOR)]
-    schema = pa.schema([*fields, ("value", pa.float32())])
-    with atomic_write(path) as part, ParquetWriter(part, schema) as writer:
-        for start in range(0, max(len(records), 1), _RECORDS):
-            writer.write_table(_rows(pa, schema, records[start : start + _RECORDS]))
-    return ""
-
-
-def _rows(pa: Any, schema: Any, records: Sequence[StoredRecord]) -> Any:  # noqa: ANN401 - pyarrow is loaded in use alone
-    counts = [len(one.indicators.keys) for one in records]
     keys, places = columns_of([one.indicators.keys for one in records])
-    at = np.concatenate([np.zeros(0, dtype=np.int64), *places])
-    which = np.repeat(np.arange(len(records)), counts)
-    columns = [_named(pa, [getattr(one, name) for one in records], which) for name in _FACTS]
-    columns += [_named(pa, [key[number] for key in keys], at) for number in range(len(INDICATOR))]
-    values = np.concatenate([np.zeros(0, dtype=np.float32), *(one.indicators.values for one in records)])
-    return pa.Table.from_arrays([*columns, pa.array(values)], schema=schema)
-
-
-def _named(pa: Any, names: Sequence[str], at: np.ndarray[Any, Any]) -> Any:  # noqa: ANN401
-    """Return a dictionary-encoded column of names."""
-    distinct, places = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
-    numbers = pa.array(places[at].astype(np.int32)) if len(names) else pa.array([], pa.int32())
-    return pa.DictionaryArray.from_arrays(numbers, pa.array(distinct.tolist(), pa.string()))
+    which = np.repeat(np.arange(len(records)), [len(one) for one in places])
+    at, numbers = np.concatenate([[], *places]).astype(np.int64), [one.indicators for one in records]
+    columns: dict[str, Any] = {name: pd.Categorical([getattr(one, name) for one in records])[which] for name in _FACTS}
+    columns |= {name: pd.Categorical([key[number] for key in keys])[at] for number, name in enumerate(INDICATOR)}
+    columns["value"] = np.concatenate([np.zeros(0, dtype=np.float32), *(one.values for one in numbers)])  # noqa: PD011
+    with atomic_write(path) as part:
+        pd.DataFrame(columns).to_parquet(part, engine="pyarrow", index=False)
+    return ""

@@ -10,34 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from hums.fleet.alarms import Alarm
-from hums.fleet.monitor import Epoch, MachineState
-from hums.fleet.monitor_settings import MonitorError, MonitorSettings
-from hums.fleet.observation import Observation
-from hums.fleet.series import Series
+from hums.fleet import monitor
+from hums.fleet.monitor import MachineState
+from hums.fleet.monitor_settings import MonitorError
 from hums.records.outputs import atomic_write
-from signals.monitoring.charts import Charts, ChartState
-from signals.monitoring.health import Layout, Normal
-from signals.monitoring.limits import MachineLimits
-from signals.monitoring.location import SeriesBaseline
+from signals.monitoring import health
 
-SCHEMA = "hums-watch/11"
-_KINDS = {
-    kind.__name__: kind
-    for kind in (
-        Alarm,
-        MachineLimits,
-        ChartState,
-        Charts,
-        Epoch,
-        Layout,
-        MachineState,
-        MonitorSettings,
-        Normal,
-        Observation,
-        Series,
-        SeriesBaseline,
-    )
+SCHEMA = "hums-watch/12"
+_KINDS: Mapping[str, Any] = {
+    name: kind for part in (health, monitor) for name, kind in vars(part).items() if is_dataclass(kind)
 }
 
 

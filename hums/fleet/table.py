@@ -5,6 +5,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple
 from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
@@ -57,9 +58,11 @@ def write_tables(
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
-    rows = sorted(_series_trends(table, limits or {}), key=lambda row: row.get("adjusted_p", 2.0))  # untested ones last
+    rows = sorted(
+        _series_trends(table, limits or {}), key=lambda row: np.nan_to_num(row["adjusted_p"], nan=2.0)
+    )  # untested last
     write_rows(folder / "trends.csv", _TREND_COLUMNS, rows)
-    if any("adjusted_p" in row for row in rows):
+    if any(row["adjusted_p"] >= 0 for row in rows):
         return ""
     return _reason_for_no_trends(table.isel(record=table["error"].to_numpy() == ""))
 
@@ -151,20 +154,16 @@ def _coordinates(dim: str, names: Sequence[str], keys: Sequence[Key]) -> dict[st
 def _titles(table: xr.Dataset, dim: str) -> list[str]:
     """Return the title of each column of a dimension."""
     names = {"line": LINE, "indicator": INDICATOR, "condition": CONDITION}[dim]
-    parts = {name: table[f"{dim}_{name}"].to_numpy() for name in names}
-    titles = []
-    for number in range(table.sizes[dim]):
-        here = {name: str(column[number]) for name, column in parts.items()}
-        if dim == "line":
-            place = f"harmonic {here['harmonic']}"
-            place += f" sideband {int(here['sideband']):+d}" if here["sideband"] != "0" else ""
-            title = f"{here['channel']}: {here['spectrum']}: {here['component']} {here['kind']} {place}"
-        elif dim == "indicator":
-            title = f"{here['channel']}: {here['component']} {here['kind']} {here['indicator']}"
-        else:
-            title = f"{here['component']} {here['kind']}"
-        titles.append(title)
-    return titles
+    rows = zip(*(table[f"{dim}_{name}"].to_numpy().tolist() for name in names), strict=True)
+    if dim == "condition":
+        return [f"{component} {kind}" for component, kind in rows]
+    if dim == "indicator":
+        return [f"{channel}: {component} {kind} {name}" for channel, component, kind, name, _ in rows]
+    return [
+        f"{channel}: {spectrum}: {component} {kind} harmonic {harmonic}"
+        + (f" sideband {sideband:+d}" if sideband else "")
+        for channel, spectrum, component, kind, harmonic, sideband, _ in rows
+    ]
 
 
 def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
@@ -260,26 +259,27 @@ def _machine_trends(
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one machine; series from `scored` on are scores, which have a limit."""
     found = series_slopes(values, days)
-    differ = np.isfinite(values) & (values != found.median)
-    for number in np.flatnonzero((found.points >= FEWEST_SHOWN) & differ.any(axis=0)).tolist():
-        row: dict[str, Any] = {"series": titles[number], "units": str(units[number])}
-        row |= {"records": int(found.points[number]), "median": float(found.median[number])}
-        first, last = float(found.first[number]), float(found.last[number])
-        row["change"] = last / first if number < scored and first > 0 else math.nan
-        if np.isnan(found.slope[number]):
-            yield row | {"trend": "too few to test"}
-            continue
-        row |= {
-            "slope_per_day": float(found.slope[number]),
-            "slope_low": float(found.slope_low[number]),
-            "slope_high": float(found.slope_high[number]),
-            "p_value": float(found.p_value[number]),
-            "adjusted_p": float(found.discovery_rate[number]),
-        }
-        row["trend"] = "none"
-        if row["adjusted_p"] < SIGNIFICANCE:
-            row |= {"trend": "rising" if found.rises[number] else "falling", "form": str(found.form[number])}
-        yield row | (_forecast(values[:, number], days, limit) if number >= scored else {})
+    sure, is_score = found.discovery_rate < SIGNIFICANCE, np.arange(len(titles)) >= scored
+    trends = ["too few to test", "none", "rising"], [np.isnan(found.slope), ~sure, found.rises]
+    columns: dict[str, Any] = {
+        "series": titles,
+        "units": units,
+        "records": found.points,
+        "median": found.median,
+        "change": found.last / np.where(~is_score & (found.first > 0), found.first, np.nan),
+        "slope_per_day": found.slope,
+        "slope_low": found.slope_low,
+        "slope_high": found.slope_high,
+        "p_value": found.p_value,
+        "adjusted_p": found.discovery_rate,
+        "trend": np.select(trends[1], trends[0], "falling"),
+        "form": np.where(sure, found.form, ""),
+    }
+    varies = (found.points >= FEWEST_SHOWN) & (np.isfinite(values) & (values != found.median)).any(axis=0)
+    for number in np.flatnonzero(varies).tolist():
+        forecast = is_score[number] and np.isfinite(found.slope[number])
+        row = {name: column[number] for name, column in columns.items()}
+        yield row | (_forecast(values[:, number], days, limit) if forecast else {})
 
 
 def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
@@ -290,9 +290,8 @@ def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
         ahead = time_until(limit, series[distinct], days[distinct])
     except ValueError as error:
         return {"no_forecast": str(error)}
-    if ahead.reason:
-        return {"no_forecast": ahead.reason}
-    return {"days_until_limit": ahead.median, "days_low": ahead.low, "days_high": ahead.high}
+    median, low, high, reason = astuple(ahead)
+    return {"days_until_limit": median, "days_low": low, "days_high": high, "no_forecast": reason}
 
 
 def _reason_for_no_trends(table: xr.Dataset) -> str:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
-from hums.fleet.alarms import ALARM_COLUMNS, SEVERE
+from hums.fleet.alarms import ALARM_COLUMNS, SEVERE, Alarm
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
@@ -20,25 +21,6 @@ from hums.fleet.state import write_state
 from hums.fleet.table import write_rows
 from hums.records.store import write_tree
 from signals.monitoring.slopes import series_slopes
-
-COMPONENT_COLUMNS = (
-    "machine",
-    "component",
-    "condition_index",
-    "state",
-    "since",
-    "channel",
-    "indicator",
-    "departure",
-    "times_normal",
-    "growth_per_day",
-    "once_in_records",
-    "false_alarms_a_year",
-    "judged",
-    "refused_share",
-    "unwatched_since",
-    "baseline",
-)
 
 _YEAR_S = 365.25 * 86400
 
@@ -54,6 +36,11 @@ class MachineHistory:
     records: list[dict[str, Any]] = field(default_factory=list)
     alarms: list[dict[str, Any]] = field(default_factory=list)
     last: Judgement | None = None
+
+    @property
+    def waiting(self) -> str:
+        """Why no record was judged yet: ``learning``, or ``unwatched`` if all were refused; empty if one was."""
+        return "" if self.last else "unwatched" if self.state.unwatched_since else "learning"
 
     @property
     def severe_score(self) -> float:
@@ -97,12 +84,6 @@ class MachineHistory:
         days = days_since_1970(one["recorded_at"] for one in those)
         scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
         return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
-
-    def once_in_records(self, component: str) -> float:
-        """Return the mean number of healthy records per one with the present score of a component; NaN if unknown."""
-        limits = self.state.epochs[self.state.epoch_of(component.partition(": ")[0])].limits
-        index = self.last.index.get(component, math.nan) if self.last is not None else math.nan
-        return limits.every_records_at(index) if limits is not None and math.isfinite(index) else math.nan
 
 
 def watch_machines(
@@ -154,94 +135,65 @@ def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``components.csv``, one row per component of each machine, the most urgent first."""
     rows = [row for history in histories for row in _components(history)]
     rows.sort(key=lambda row: (-np.nan_to_num(row["condition_index"], nan=-np.inf), row["machine"]))
-    write_rows(path, COMPONENT_COLUMNS, rows)
+    write_rows(path, tuple(rows[0]), rows)
 
 
 def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
-    state, last = history.state, history.last
+    state, last = history.state, history.last or Judgement(judged=False, growth={"": ("", "", math.nan)})
     seen = state.judged + state.refused
-    common = {
-        "machine": state.machine,
-        "judged": state.judged,
-        "refused_share": f"{state.refused / seen:.4g}" if seen else "",
-        "unwatched_since": state.unwatched_since,
-        "false_alarms_a_year": history.false_alarms_a_year,
-    }
-    if last is None:
-        yield common | {
-            "component": "",
-            "condition_index": math.nan,
-            "state": "learning" if not state.unwatched_since else "unwatched",
-        }
-        return
-    for name, index in last.index.items():
-        epoch = state.epochs[state.epoch_of(name.partition(": ")[0])]
-        if epoch.limits is None:
+    for name, (channel, indicator, departure) in last.growth.items():
+        epoch, alarm = state.epochs[state.epoch_of(name.partition(": ")[0])], state.alarms.get(name, Alarm())
+        if epoch.limits is None and not history.waiting:
             continue
-        channel, indicator, departure = last.growth[name]
-        alarm = state.alarms[name]
-        yield common | {
+        yield {
+            "machine": state.machine,
             "component": name,
-            "condition_index": index,
-            "state": f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state,
+            "condition_index": last.index.get(name, math.nan),
+            "state": history.waiting or (f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state),
             "since": alarm.since,
             "channel": channel,
             "indicator": indicator,
             "departure": departure,
-            "times_normal": last.ratio[name],
+            "times_normal": last.ratio.get(name, math.nan),
             "growth_per_day": history.growth_per_day(name),
-            "once_in_records": history.once_in_records(name),
+            "false_alarms_a_year": history.false_alarms_a_year,
+            "judged": state.judged,
+            "refused_share": f"{state.refused / seen:.4g}" if seen else "",
+            "unwatched_since": state.unwatched_since,
             "baseline": epoch.identity,
         }
 
 
 def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
-    """Write ``baseline.h5``: a group for every baseline, with its identity, records, series and numbers."""
+    """Write ``baseline.h5``: a group for every baseline, with its identity, records, series and numbers.
+
+    ``center``, ``scale`` and ``slope`` are of logarithms, the latter per logarithm of the covariate; ``limit`` is in
+    deviations of the score, ``headroom`` what the baseline itself reached of it; ``low`` to ``high`` is judged.
+    """
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "hums-baseline/1"})}
-    for history in histories:
-        for epoch in history.state.baselines:
-            if not epoch.identity:
-                continue
-            normal, limits = epoch.learned
-            columns = {
-                name: ("series", np.array([getattr(key, name) for key in epoch.series], dtype=np.str_))
-                for name in ("channel", "component", "kind", "indicator", "unit")
-            }
-            groups[f"/{epoch.identity}"] = xr.Dataset(
-                {
-                    **columns,
-                    "center": ("series", normal.series.center, {"long_name": "mean of the logarithm"}),
-                    "scale": ("series", normal.series.scale, {"long_name": "deviation of the logarithm"}),
-                    "slope": (
-                        ("covariate", "series"),
-                        normal.series.slopes,
-                        {"long_name": "per logarithm of the covariate"},
-                    ),
-                    "score_center": ("watched", normal.score_center),
-                    "score_scale": ("watched", normal.score_scale),
-                    "headroom": (
-                        "watched",
-                        epoch.headroom[: len(epoch.names)],
-                        {"long_name": "index that the baseline itself reached, at least 1"},
-                    ),
-                    "low": ("covariate", epoch.low, {"long_name": "lowest value judged"}),
-                    "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
-                    "limit": (
-                        ("watched", "chart"),
-                        limits.limits[:, : len(epoch.names)].T,
-                        {"long_name": "in deviations of the score"},
-                    ),
-                },
-                coords={
-                    "watched": np.array(epoch.names, dtype=np.str_),
-                    "covariate": np.array(epoch.covariates, dtype=np.str_),
-                    "record": np.array(epoch.records, dtype=np.str_),
-                },
-                attrs={
-                    "machine": history.state.machine,
-                    "identity": epoch.identity,
-                    "declared_healthy": int(bool(history.state.settings.healthy)),
-                    "false_alarm_every": history.state.settings.false_alarm_every,
-                },
-            )
+    for state, epoch in ((one.state, epoch) for one in histories for epoch in one.state.baselines if epoch.identity):
+        (normal, limits), scores = epoch.learned, len(epoch.names)
+        series = pd.DataFrame(epoch.series)
+        arrays = {
+            "center": ("series", normal.series.center),
+            "scale": ("series", normal.series.scale),
+            "slope": (("covariate", "series"), normal.series.slopes),
+            "score_center": ("watched", normal.score_center),
+            "score_scale": ("watched", normal.score_scale),
+            "headroom": ("watched", epoch.headroom[:scores]),
+            "limit": (("watched", "chart"), limits.limits[:, :scores].T),
+            "low": ("covariate", epoch.low),
+            "high": ("covariate", epoch.high),
+        }
+        words = {"watched": epoch.names, "covariate": epoch.covariates, "record": epoch.records}
+        groups[f"/{epoch.identity}"] = xr.Dataset(
+            arrays | {name: ("series", series[name].to_numpy(np.str_)) for name in series},
+            coords={name: np.array(those, dtype=np.str_) for name, those in words.items()},
+            attrs={
+                "machine": state.machine,
+                "identity": epoch.identity,
+                "declared_healthy": int(bool(state.settings.healthy)),
+                "false_alarm_every": state.settings.false_alarm_every,
+            },
+        )
     write_tree(xr.DataTree.from_dict(groups), path)

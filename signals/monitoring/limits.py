@@ -69,14 +69,11 @@ class MachineLimits:
         Of each EWMA, in deviations of the score.
     every_records : float
         Mean number of records between false alarms of each score.
-    decades : (scores,) array
-        Relative increase of the limits at which the rate of false alarms falls to a tenth.
     """
 
     charts: Charts
     limits: Array
     every_records: float
-    decades: Array
 
     def index(self, state: ChartState) -> Array:
         """Return the condition index (..., scores): the largest EWMA over its limit; 0 is normal, 1 the limit."""
@@ -111,11 +108,6 @@ class MachineLimits:
         """Return whether a record of the baseline (records, ..., scores) would raise an alarm by itself."""
         return np.asarray(np.any(baseline >= AT_ONCE * self.limits[0], axis=0))
 
-    def every_records_at(self, index: float) -> float:
-        """Return the least mean number of records between false alarms of any score with its limit at an index."""
-        exponent = np.minimum((index - 1) / self.decades, 300.0)  # beyond which floats end
-        return float(self.every_records * 10 ** exponent.min())
-
 
 def machine_limits(
     table: LimitTable, independent: Array, every_records: float, groups: tuple[int, ...], *, slopes: Array | float = 0.0
@@ -137,11 +129,5 @@ def machine_limits(
         + slopes / 2) records.
     """
     records, each = np.asarray(independent) / (1 + _OF_A_SLOPE * slopes), every_records * len(groups)
-    limits = table.at(records, each, groups)
     allowance = float(np.interp(np.median(records), table.baselines, table.allowances))
-    return MachineLimits(
-        charts=Charts(allowance=allowance),
-        limits=limits,
-        every_records=each,
-        decades=(table.at(records, 10 * each, groups) / limits - 1)[0],
-    )
+    return MachineLimits(charts=Charts(allowance=allowance), limits=table.at(records, each, groups), every_records=each)

@@ -19,21 +19,19 @@ def records():
     return found
 
 
-def test_a_row_for_each_record_and_indicator(tmp_path, monkeypatch):
+def test_a_row_for_each_record_and_indicator(tmp_path):
     pytest.importorskip("pyarrow")
     expected = [
         (one.record, one.machine, one.recorded_at, *key, value)
         for one in records()
         for key, value in zip(one.indicators.keys, list(one.indicators.values), strict=True)
     ]
-    for many in (1_000, 2):  # one group, and several
-        monkeypatch.setattr(parquet, "_RECORDS", many)
-        assert write_indicators(records(), tmp_path / "indicators.parquet") == ""
-        table = pd.read_parquet(tmp_path / "indicators.parquet")
-        assert list(table.itertuples(index=False, name=None)) == expected
-        assert list(table) == [
-            *("record", "machine", "recorded_at", "channel", "component", "kind", "indicator", "units", "value"),
-        ]
+    assert write_indicators(records(), tmp_path / "indicators.parquet") == ""
+    table = pd.read_parquet(tmp_path / "indicators.parquet")
+    assert list(table.itertuples(index=False, name=None)) == expected
+    assert list(table) == [
+        *("record", "machine", "recorded_at", "channel", "component", "kind", "indicator", "units", "value"),
+    ]
 
 
 def test_no_file_without_pyarrow(tmp_path, monkeypatch):

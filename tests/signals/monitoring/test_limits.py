@@ -43,13 +43,6 @@ def test_scores_share_the_rate_and_slopes_cost_records():
     assert limits_of(30, 1e4, slopes=2.0).limits == pytest.approx(limits_of(15, 1e4).limits)
 
 
-def test_it_goes_on_falling_beyond_the_limit():
-    found = limits_of(30, 1e4)
-    assert found.every_records_at(1.0) == pytest.approx(1e4)
-    assert found.every_records_at(1.0 + found.decades[0]) == pytest.approx(1e5)
-    assert limits_of(30, 1e5).limits[0] == pytest.approx(found.limits[0] * (1 + found.decades[0]))
-
-
 def test_the_cumulative_sum_raises_no_alarm():
     state = ChartState(values=np.array([[0.0], [0.0], [0.0], [1e6]]), rising=np.array([300]))
     assert limits_of(30, 1e4).index(state).tolist() == [0.0]
