@@ -61,15 +61,8 @@ class MachineHistory:
         for one in seen:
             found = update(self.state, one, work=work)
             self.alarms += found.alarms
-            self.records.append(
-                {
-                    "record": one.record,
-                    "recorded_at": one.recorded_at,
-                    "why": found.why,
-                    "index": found.index,
-                    "scores": found.scores,
-                }
-            )
+            kept = {"record": one.record, "recorded_at": one.recorded_at}
+            self.records.append(kept | {"why": found.why, "index": found.index, "scores": found.scores})
             if found.judged:
                 self.last = found
 

@@ -5,7 +5,7 @@ level of the channel, which is monitored separately for rises and sudden falls, 
 judged. A drifting gain is therefore not mistaken for a fault.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -220,14 +220,12 @@ def learn_normal(
         raise ValueError(f"a baseline of {records} records has no spread; give at least 2.")
     learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
     raw = learned(values, covariates, prior_scale=prior.series)
-    each = raw.per_record()
-    away = each.standardised(values, covariates) * each.scale
+    away = _each(lambda seen, at: raw.standardised(seen, at) * raw.scale, values, covariates)
     level, *quantiles = _levels(away, layout)
     corrected = _without(values, level, layout)
     series = learned(corrected, covariates, prior_scale=prior.series)
-    alone = series.per_record()
-    new = out_of_sample(records, alone.leverage(covariates))
-    departures = alone.standardised(corrected, covariates) * new[..., None]
+    new = out_of_sample(records, _each(series.leverage, covariates, axis=-1))
+    departures = _each(series.standardised, corrected, covariates) * new[..., None]
     fused = fused_scores(departures, layout.kinds)
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
@@ -267,13 +265,18 @@ def learn_machine(
     records = values.shape[-2]
 
     def own(normal: Normal) -> Array:
-        return np.stack([normal.read(values[..., n, :], covariates[..., n, :]).scores for n in range(records)])
+        return _each(lambda seen, at: normal.read(seen, at).scores, values, covariates, axis=0)
 
     scores = own(learn_normal(values, covariates, layout, prior))
     independent = independent_records(scores.reshape(records, -1), times_s).reshape(scores.shape[1:])
     share = np.median(independent, axis=-1, keepdims=True) / records
     normal = learn_normal(values, covariates, layout, prior, independent=share)
     return normal, own(normal), independent
+
+
+def _each(found: Callable[..., Array], *records: Array, axis: int = -2) -> Array:
+    """Return what is found of each record of arrays (..., records, numbers), along an axis."""
+    return np.stack([found(*(those[..., n, :] for those in records)) for n in range(records[0].shape[-2])], axis=axis)
 
 
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:

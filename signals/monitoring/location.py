@@ -13,7 +13,7 @@ regression (Draper and Smith 1998, Applied Regression Analysis, section 3.1).
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ _HUBER = 1.5
 _MAD = 1.4826  # of a normal distribution: 1 / the quantile at 3/4
 _STEPS = 12  # of reweighting; it converges by a factor of three or more a step
 _FEWEST_PER_COVARIATE = 10  # records; below, a slope's error would add more than it removes
+_ANY = 1e4  # deviations of a series over the range of a covariate: no prior
 _CERTAIN = 2.0
 """Ratio of the mean squared slope to its squared error above which a covariate has slopes. Series are correlated: with
 ten independent ones without slopes, 3 % of the machines exceed it (our choice)."""
@@ -76,18 +77,6 @@ class SeriesBaseline:
         away = covariates - self.covariate_center
         return np.asarray(np.einsum("...c,...cd,...d->...", away, self.slope_variance, away))
 
-    def per_record(self) -> "SeriesBaseline":
-        """Return the baseline with an axis for records inserted before that of series or covariates."""
-        return replace(
-            self,
-            center=self.center[..., None, :],
-            scale=self.scale[..., None, :],
-            slopes=self.slopes[..., None, :, :],
-            covariate_center=self.covariate_center[..., None, :],
-            slope_variance=self.slope_variance[..., None, :, :],
-            regressors=self.regressors[..., None],
-        )
-
 
 def learn_baseline(
     values: Array,
@@ -125,26 +114,22 @@ def learn_baseline(
         middle = np.median(covariates, axis=-2)
     errors, regressors = np.zeros((*middle.shape, count)), np.zeros(middle.shape[:-1])
     center, scale, weights = _location(values)
-    known = np.isfinite(values).sum(axis=-2)
+    dof = np.isfinite(values).sum(axis=-2) - 1.0
     if count and records >= _FEWEST_PER_COVARIATE * (count + 1):
-        design = covariates - middle[..., None, :]
-        precision = np.zeros(middle.shape)
+        design, varies = covariates - middle[..., None, :], np.ptp(covariates, axis=-2)
+        typical = np.divide(_ANY, varies, out=np.zeros_like(varies), where=varies > 0)
         for step in range(2 * _STEPS):  # first without a prior, which follows from what is found
             if step == _STEPS:
-                precision = _slope_precision(slopes / scale[..., None, :], design)
-            slopes = _slopes(values - center[..., None, :], design, weights, precision)
+                typical = _typical_slopes(slopes / scale[..., None, :], design, typical)
+            slopes = _slopes(values - center[..., None, :], design, weights, typical)
             center, scale, weights = _location(values - design @ slopes)
-        errors, regressors = _slope_errors(design, precision)
-        scale = scale * np.sqrt((known - 1) / np.maximum(known - 1 - regressors[..., None], 1))
+        errors, regressors = _slope_errors(design, typical)
+        scale = scale * np.sqrt(dof / np.maximum(dof - regressors[..., None], 1))
     usual = np.broadcast_to(np.asarray(prior_scale, dtype=np.float64), scale.shape)
-    own = independent * np.maximum(known - 1 - regressors[..., None], 0)
-    weighted = np.where(np.isfinite(usual), prior_dof, 0.0)
+    own, weight = independent * np.maximum(dof - regressors[..., None], 0), np.where(np.isfinite(usual), prior_dof, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (np.where(own > 0, own * scale**2, 0) + np.where(weighted > 0, weighted * usual**2, 0)) / (
-            own + weighted
-        )
-    pooled = np.sqrt(mean)
-    watched = (2 * known >= max(2, records)) & (pooled > 0)
+        pooled = np.sqrt((np.nan_to_num(own * scale**2) + np.nan_to_num(weight * usual**2)) / (own + weight))
+    watched = (2 * (dof + 1) >= max(2, records)) & (pooled > 0)
     return SeriesBaseline(
         center=np.where(watched, center, np.nan),
         scale=np.where(watched, pooled, np.nan),
@@ -160,74 +145,46 @@ def _location(values: Array) -> tuple[Array, Array, Array]:
     """Return Huber's location and scale along the records, and the weights (..., records, series)."""
     known = np.isfinite(values)
     count = known.sum(axis=-2)
-    work = np.sort(np.where(known, values, np.inf), axis=-2)  # one array for all steps: they are bound by memory
-    center = known_median(work, count)
-    away = np.where(known, values - center[..., None, :], 0.0)
-    work[:] = np.where(known, np.abs(away), np.inf)
-    work.sort(axis=-2)
-    scale = _MAD * known_median(work, count)
-    weights = work
+    center = known_median(values)
+    scale = _MAD * known_median(np.abs(values - center[..., None, :]))
     with np.errstate(invalid="ignore", divide="ignore"):
         for _ in range(_STEPS):
-            bound = _HUBER * scale[..., None, :]
-            np.divide(bound, np.abs(away, out=weights), out=weights)
-            np.fmin(weights, 1.0, out=weights)
-            weights *= known
-            step = np.einsum("...rs,...rs->...s", weights, away) / weights.sum(axis=-2)
-            center = center + step
-            away -= np.where(known, step[..., None, :], 0.0)
+            away, bound = values - center[..., None, :], _HUBER * scale[..., None, :]
             clipped = np.clip(away, -bound, bound)
-            scale = _CONSISTENT * np.sqrt(np.einsum("...rs,...rs->...s", clipped, clipped) / np.maximum(count - 1, 1))
+            weights = np.where(known, np.where(clipped == away, 1.0, clipped / away), 0.0)
+            center = center + np.nansum(clipped, axis=-2) / weights.sum(axis=-2)
+            scale = _CONSISTENT * np.sqrt(np.nansum(clipped**2, axis=-2) / np.maximum(count - 1, 1))
     return center, scale, weights
 
 
-def known_median(ordered: Array, count: NDArray[np.int64]) -> Array:
-    """Return the medians (..., series) of sorted values (..., records, series), of which the first `count` are known.
-
-    They are NaN where none is.
-    """
-    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, ordered.shape[-2] - 1)
-    pick = [np.take_along_axis(ordered, at[..., None, :], axis=-2)[..., 0, :] for at in (low, high)]
-    return np.where(count > 0, (pick[0] + pick[1]) / 2, np.nan)
+def known_median(values: Array) -> Array:
+    """Return the medians (..., series) of the finite values of (..., records, series), NaN where none is."""
+    ordered, count = np.sort(values, axis=-2), np.isfinite(values).sum(axis=-2)  # NaN last
+    both = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, values.shape[-2] - 1)], axis=-2)
+    return np.where(count > 0, np.take_along_axis(ordered, both, axis=-2).mean(axis=-2), np.nan)
 
 
-def _slopes(values: Array, design: Array, weights: Array, precision: Array) -> Array:
-    """Return weighted least-squares slopes (..., covariates, series) with a prior of given precision about zero.
-
-    `precision` (..., covariates) is relative to that of a record; a covariate of infinite precision has no slope.
-    """
-    filled = np.where(np.isfinite(values), values, 0.0)
-    products = (design[..., :, None] * design[..., None, :]).reshape(*design.shape[:-1], -1)
-    normal = (np.swapaxes(weights, -1, -2) @ products).reshape(*design.shape[:-2], -1, *design.shape[-1:] * 2)
-    right = np.swapaxes(weights * filled, -1, -2) @ design
-    normal, none = _with_prior(normal, precision[..., None, :])
-    found = np.linalg.solve(normal, right[..., None])[..., 0]
-    return np.asarray(np.swapaxes(np.where(none, 0.0, found), -1, -2))
+def _slopes(values: Array, design: Array, weights: Array, typical: Array) -> Array:
+    """Return weighted least-squares slopes (..., covariates, series) with the prior N(0, typical^2)."""
+    scaled = design * typical[..., None, :]
+    products = (scaled[..., :, None] * scaled[..., None, :]).reshape(*scaled.shape[:-1], -1)
+    normal = (np.swapaxes(weights, -1, -2) @ products).reshape(*weights.shape[:-2], -1, *scaled.shape[-1:] * 2)
+    right = np.swapaxes(weights * np.nan_to_num(values), -1, -2) @ scaled
+    found = np.linalg.solve(normal + np.eye(scaled.shape[-1]), right[..., None])[..., 0]
+    return np.asarray(np.swapaxes(found * typical[..., None, :], -1, -2))
 
 
-def _with_prior(normal: Array, precision: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return normal equations (..., covariates, covariates) with a prior, and a mask of covariates without a slope."""
-    diagonal = np.einsum("...cc->...c", normal)
-    none = ~np.isfinite(precision) | (diagonal <= 0)
-    added = np.where(none, 1.0, np.where(none, 0.0, precision) + 1e-12 * diagonal)
-    kept = np.where(none[..., None] | none[..., None, :], 0.0, normal)
-    return kept + added[..., None] * np.eye(normal.shape[-1]), none
+def _typical_slopes(slopes: Array, design: Array, flat: Array) -> Array:
+    """Return the typical slope (..., covariates) over all series from slopes in deviations, 0 if none is certain."""
+    error = np.einsum("...cc->...c", _slope_errors(design, flat)[0])
+    square = np.nan_to_num(slopes**2).sum(axis=-1) / np.maximum(np.isfinite(slopes).sum(axis=-1), 1)
+    return np.sqrt(np.where(square >= _CERTAIN * error, square - error, 0.0))
 
 
-def _slope_precision(slopes: Array, design: Array) -> Array:
-    """Return the precision (..., covariates) of slopes in deviations (..., covariates, series) over all series."""
-    errors, _ = _slope_errors(design, np.zeros(design.shape[:-2] + design.shape[-1:]))
-    error = np.einsum("...cc->...c", errors)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        known = np.isfinite(slopes)
-        square = np.where(known, slopes, 0.0) ** 2
-        mean = square.sum(axis=-1) / known.sum(axis=-1)
-        return np.where(mean >= _CERTAIN * error, 1 / (mean - error), np.inf)
-
-
-def _slope_errors(design: Array, precision: Array) -> tuple[Array, Array]:
+def _slope_errors(design: Array, typical: Array) -> tuple[Array, Array]:
     """Return the covariance of slopes (..., covariates, covariates), and their effective number (...)."""
-    information = np.swapaxes(design, -1, -2) @ design
-    normal, none = _with_prior(information, precision)
-    errors = np.where(none[..., None] | none[..., None, :], 0.0, np.linalg.inv(normal))
-    return errors, np.einsum("...cd,...dc->...", errors, information)
+    scaled = design * typical[..., None, :]
+    information = np.swapaxes(scaled, -1, -2) @ scaled
+    inverse = np.linalg.inv(information + np.eye(scaled.shape[-1]))
+    outer = typical[..., :, None] * typical[..., None, :]
+    return inverse * outer, np.einsum("...cd,...dc->...", inverse, information)

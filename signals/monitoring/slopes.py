@@ -83,7 +83,7 @@ def series_slopes(values: Array, times: Array) -> Slopes:
         if y.size >= FEWEST and np.ptp(x) > 0 and np.ptp(y) > 0:
             few = np.isfinite(medians[:, number])
             shown, when = medians[few, number], middles[few]
-            row |= _slope(shown, when) | _change(np.log(shown) if (shown > 0).all() else shown, when)
+            row |= _change(shown, when)
         for name, value in row.items():
             found[name][number] = value
     found["rises"] = found["rises"] == 1
@@ -99,22 +99,18 @@ def _discovery_rates(p_values: Array) -> Array:
     return rates
 
 
-def _slope(y: Array, t: Array) -> dict[str, float]:
-    """Return the slope of values (n,) over increasing times, and its 95 % interval."""
-    place, unit = (t - t[0]) / np.ptp(t), y.std() / np.ptp(t)
-    (mean,), (error,), dof = _changes(y, place[:, None], t)
-    reach = stdtrit(dof, 0.975) * error
-    return {"slope": mean * unit, "slope_low": (mean - reach) * unit, "slope_high": (mean + reach) * unit}
-
-
 def _change(y: Array, t: Array) -> dict[str, Any]:
-    """Return the growth law of values (n,) over increasing times, and its probability by chance."""
-    place = (t - t[0]) / np.ptp(t)
+    """Return slope, 95 % interval, growth law and its probability by chance of values (n,) over increasing times."""
+    place, unit = (t - t[0]) / np.ptp(t), y.std() / np.ptp(t)
     courses = np.column_stack([place, np.expm1(_GROWTH * place) / np.expm1(_GROWTH)])
     mean, error, dof = _changes(y, courses, t)
+    reach = stdtrit(dof, 0.975) * error[0]
+    found = {"slope": mean[0] * unit, "slope_low": (mean[0] - reach) * unit, "slope_high": (mean[0] + reach) * unit}
+    if (y > 0).all():
+        mean, error, _ = _changes(np.log(y), courses, t)
     best = int(np.argmax(np.abs(mean) / error))
     p_value = min(1.0, 2 * float(stdtr(dof, -abs(mean[best]) / error[best])) * mean.size)
-    return {"p_value": p_value, "form": ("line", "growth")[best], "rises": mean[best] > 0}
+    return found | {"p_value": p_value, "form": ("line", "growth")[best], "rises": mean[best] > 0}
 
 
 def _changes(y: Array, courses: Array, t: Array) -> tuple[Array, Array, int]:
@@ -211,5 +207,4 @@ def grouped(values: Array, times: Array) -> tuple[Array, Array]:
     if len(times) <= _MOST_GROUPS:
         return values, times
     groups = np.array_split(np.arange(len(times)), _MOST_GROUPS)
-    middle = [known_median(np.sort(values[g], axis=0), np.isfinite(values[g]).sum(axis=0)) for g in groups]
-    return np.array(middle), np.array([np.median(times[g]) for g in groups])
+    return np.array([known_median(values[g]) for g in groups]), np.array([np.median(times[g]) for g in groups])
