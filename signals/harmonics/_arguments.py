@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -197,33 +196,6 @@ def check_model(
         poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior,
     )  # fmt: skip
     return model, names, bandwidth, noise
-
-
-def check_phase_std(
-    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None, *, shafts: tuple[str, ...], samples: int
-) -> Floats | None:
-    """Return the (order or 1, sample or 1) standard deviation in rad of each order's shaft angle, or refuse it."""
-    if phase_std_rad is None:
-        return None
-    given: list[tuple[str, Any]] = [("phase_std_rad", phase_std_rad)]
-    if isinstance(phase_std_rad, Mapping):
-        lacking = [name for name in shafts if name not in phase_std_rad]
-        if lacking or not shafts:
-            raise ValueError(
-                f"phase_std_rad names {', '.join(map(str, phase_std_rad)) or 'no shaft'}, but the orders count "
-                f"{', '.join(map(repr, lacking)) or 'one unnamed phase'}; give one value for every shaft."
-            )
-        given = [(f"phase_std_rad[{name!r}]", phase_std_rad[name]) for name in shafts]
-    found = []
-    for name, value in given:
-        std = np.atleast_1d(_real_array(name, value, dims=(0, 1)))
-        if std.size not in (1, samples):
-            raise ValueError(f"{name} has {std.size} values for {samples} samples; pass one number, or one a sample.")
-        bad = std[~(np.isfinite(std) & (std >= 0))]
-        if bad.size:
-            raise ValueError(f"{name}={bad[0]:g} must be zero or more, and finite.")
-        found.append(std)
-    return np.stack(np.broadcast_arrays(*found))
 
 
 def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:

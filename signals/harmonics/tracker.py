@@ -56,7 +56,6 @@ def track_orders(
     rtol: float = 1e-3,
     noise_variance: float | None = None,
     initial_std: float | None = None,
-    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None = None,
     clip_limits: ArrayLike | None = None,
 ) -> OrderTracks:
     """Estimate the complex amplitude of every shaft order at every output sample, with its standard deviation.
@@ -108,9 +107,6 @@ def track_orders(
         Prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; requires
         `noise_variance`. For the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default: 1000 standard
         deviations of the noise, a prior without effect after a few samples.
-    phase_std_rad
-        Standard deviation in rad of errors of the shaft angle that vary slowly compared with 1 / bandwidth: a number,
-        a (sample,) array, or a mapping like `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
     clip_limits
         Smallest and largest value that the sensor can record, infinite for no limit; only with "smoother". A sample at
         or beyond a limit is treated as censored: it is replaced by its conditional expectation, repeatedly until that
@@ -145,7 +141,6 @@ def track_orders(
             x, clip_limits, output_every, phase_rad=phase_rad, orders=orders, bandwidth_hz=bandwidth_hz,
             bandwidth_orders=bandwidth_orders, rate_hz=rate_hz, samples_per_rev=samples_per_rev, poles=poles,
             estimator=estimator, method=method, rtol=rtol, noise_variance=noise_variance, initial_std=initial_std,
-            phase_std_rad=phase_std_rad,
         )  # fmt: skip
     record = _arguments.check_record(x)
     samples = record.shape[1]
@@ -166,8 +161,6 @@ def track_orders(
         model=model if estimator == "smoother" else model.with_mean, estimator=estimator, rtol=rtol,
         output_every=whole(output_every, name="output_every", least=1), noise_variance=noise_variance,
     )  # fmt: skip
-    phase_std = _arguments.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
-    phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
     seen, one = ~np.isnan(record), np.ndim(x) == 1
     chosen = _choose(method, task, seen)
     alike = bool((seen == seen[0]).all())
@@ -178,7 +171,6 @@ def track_orders(
     found = {name: parts[0][1][name] if alike else _joined([own[name] for _, own in parts]) for name in parts[0][1]}
     return OrderTracks(
         std_spacing=parts[0][0].std_spacing,
-        angle_std=None if phase_std is None else model.orders[:, None] * phase_std[:, ::phase_every],
         orders=model.orders, shafts=shafts, bandwidth=bandwidth.given, bandwidth_units=bandwidth.units,
         bandwidth_cycles=bandwidth.cycles.mean(axis=1), poles=model.poles, estimator=estimator, method=chosen,
         samples=samples, output_every=task.output_every,

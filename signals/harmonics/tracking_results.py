@@ -30,8 +30,6 @@ class OrderTracks:
         output, or at nodes `std_spacing` samples apart, constant after the last one.
     std_spacing
         Samples between these nodes; None if `settling_variance` is given at the outputs.
-    angle_std : (order, output or 1) array
-        Standard deviation of `order phase_rad` in rad; None if not given.
     orders : (order,) array
         Cycles per revolution of the order's own shaft.
     shafts
@@ -104,7 +102,6 @@ class OrderTracks:
     first_output: int = 0
     clipped_share: float | Floats = 0.0
     std_spacing: int | None = None
-    angle_std: Floats | None = field(default=None, metadata={"dims": ("order", "output"), "units": "rad"})
 
     @cached_property
     def sample_index(self) -> Indices:
@@ -118,10 +115,7 @@ class OrderTracks:
         if self.std_spacing is not None:
             places = self.first_output + self.std_spacing * np.arange(std.shape[-1])
             std = _interpolated(std, places, self.sample_index)
-        std = std * np.sqrt(self._at_outputs(self.noise_density))
-        if self.angle_std is not None:
-            np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
-        return std
+        return std * np.sqrt(self._at_outputs(self.noise_density))
 
     def half_width(self, probability: float) -> Floats:
         """Return the half-width of the confidence interval of the real or imaginary part of Z.

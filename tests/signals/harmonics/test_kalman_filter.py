@@ -228,13 +228,6 @@ def test_std_is_that_of_the_exact_filter_and_then_settles(poles):
     assert_allclose(exact.std, np.sqrt(0.09 * exact.settling_variance), rtol=1e-15)
 
 
-def test_std_takes_in_the_angle_at_every_output():
-    settings = SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "method": "fast", "output_every": 10}
-    plain, unsure = track_orders(**settings), track_orders(**settings, phase_std_rad=0.01)
-    turn = 0.01 * np.array(SETTINGS["orders"])[:, None] * np.abs(plain.complex_amplitude)
-    assert_allclose(unsure.std, np.sqrt(plain.std**2 + turn**2 / 2), rtol=1e-12)
-
-
 def test_a_record_that_ends_before_gains_settle_is_filtered_exactly():
     settings = SETTINGS | {"phase_rad": PHASE[:2000], "bandwidth_hz": 1.0}
     exact, fast = (track_orders(steady_record()[:2000], **settings, method=method) for method in ("exact", "fast"))
