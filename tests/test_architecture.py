@@ -93,10 +93,10 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2485   2200
     data_synth/sources, data_synth/transfer                    1545   1219   1200
-    all code lines                                            48791  41100  33500
+    all code lines                                            48791  41085  33500
     all modules                                                 345    286    240
     all constants                                              1492   1006    750
-    tests                                                     35938  30087  23000
+    tests                                                     35938  30081  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

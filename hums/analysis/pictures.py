@@ -48,6 +48,9 @@ def channel_pictures(segment: Segment, settings: AnalysisSettings) -> ChannelPic
             made[name] = make()
         except ValueError:  # too short, or constant: the verdicts and indicators say so where it matters
             continue
+    for picture in made.values():
+        for name in {"least", "largest", "excerpt", "amplitude", "average", "difference"} & set(picture):
+            picture[name].attrs["units"] = segment.units
     return ChannelPictures(channel=segment.name, datasets=made)
 
 
@@ -72,7 +75,7 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
     mean = values.mean(dtype=np.float64)
     peak = int(np.argmax(values)) if values.max() - mean >= mean - values.min() else int(np.argmin(values))
     first = max(0, min(peak - _EXCERPT // 2, values.size - _EXCERPT))
-    excerpt = values[first : first + _EXCERPT]
+    excerpt, seconds = values[first : first + _EXCERPT], {"units": "s"}
     return xr.Dataset(
         {
             "least": ("column", np.minimum.reduceat(values, starts)),
@@ -80,8 +83,12 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
             "excerpt": ("sample", np.array(excerpt)),
         },
         coords={
-            "time_s": ("column", when.start_s + starts / when.rate_hz, {"units": "s"}),
-            "excerpt_time_s": ("sample", when.start_s + (first + np.arange(excerpt.size)) / when.rate_hz),
+            "time_s": ("column", when.start_s + starts / when.rate_hz, seconds),
+            "excerpt_time_s": (
+                "sample",
+                when.start_s + (first + np.arange(excerpt.size)) / when.rate_hz,
+                {"units": "s"},
+            ),
         },
         attrs={"column_s": float(starts[1] / when.rate_hz if starts.size > 1 else values.size / when.rate_hz)},
     )

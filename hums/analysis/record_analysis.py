@@ -37,7 +37,6 @@ from hums.analysis.result import (
     root_attributes,
     rows_dataset,
     spectrum_dataset,
-    tree_of,
 )
 from hums.analysis.segments import SegmentedRecord, segmented
 from hums.analysis.settings import AnalysisSettings
@@ -191,7 +190,7 @@ def analyze(
     for one in filter(len, (tracks, envelope_tracks)):
         speed = np.interp(one["time_s"], motion["time_s"], motion["speed_hz"])
         one.coords["speed_hz"] = ("output", speed, {"units": "rev s-1"})
-    tree = tree_of(
+    tree = xr.DataTree.from_dict(
         groups
         | {
             "/findings": rows_dataset(found, Finding, dim="finding"),

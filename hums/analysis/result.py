@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache, lru_cache
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -242,28 +242,6 @@ def root_attributes(
     }
 
 
-def tree_of(groups: Mapping[str, xr.Dataset]) -> Analysis:
-    """Return the tree of groups by path, each below its parent, with empty groups for missing parents.
-
-    As `xarray.DataTree.from_dict`, which copies every group once more: a tenth of the analysis of a short record.
-    """
-    nodes: dict[str, xr.DataTree] = {}
-    below: dict[str, dict[str, xr.DataTree]] = {}
-    for path, dataset in groups.items():
-        nodes[path] = xr.DataTree(dataset)
-        child = path
-        while child != "/":
-            above, _, name = child.rpartition("/")
-            parent = above or "/"
-            if parent not in nodes:
-                nodes[parent] = xr.DataTree()
-            below.setdefault(parent, {})[name] = nodes[child]
-            child = parent
-    for path, children in below.items():
-        nodes[path].children = children
-    return nodes["/"]
-
-
 def check_analysis(tree: Analysis) -> None:
     """Raise AnalysisError unless `tree` has the schema and groups of an analysis."""
     if tree.attrs.get("schema") != SCHEMA:
@@ -346,20 +324,13 @@ def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
 
     Numbers and strings are stored as they are, tuples as JSON; `rows_of` reads them back.
     """
-    if not rows:
-        return _no_rows(kind, dim).copy()
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):
         values = [getattr(row, field.name) for row in rows]
         values = [json.dumps(value) if isinstance(value, tuple) else value for value in values]
-        columns[field.name] = np.array(values, dtype=np.float64 if field.type in _NUMBERS else None)
+        dtype = np.float64 if field.type in _NUMBERS else None if rows else "<U1"
+        columns[field.name] = np.array(values, dtype=dtype)
     return xr.Dataset({name: (dim, values) for name, values in columns.items()})
-
-
-@lru_cache(maxsize=32)  # most records have nothing to say of some kind, and the checks of xarray take their time
-def _no_rows(kind: type, dim: str) -> xr.Dataset:
-    types = {field.name: np.float64 if field.type in _NUMBERS else "<U1" for field in fields(kind)}
-    return xr.Dataset({name: (dim, np.zeros(0, dtype=dtype)) for name, dtype in types.items()})
 
 
 def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:

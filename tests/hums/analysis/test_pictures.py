@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hums
-from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, pictures_of
+from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, WIDEBAND, pictures_of
 
 RATE_HZ, SPEED_HZ, SECONDS, AMPLITUDE, RING_HZ = 8000.0, 20.0, 4.0, 0.5, 3000.0
 
@@ -34,6 +34,19 @@ def first(analysis, name):
 def test_every_channel_has_its_pictures(analysis):
     for name in (WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM):
         assert [channel for channel, _ in pictures_of(analysis, name)] == ["a b", "other"]
+
+
+@pytest.mark.parametrize(
+    ("picture", "names"),
+    [
+        (WAVEFORM, ("least", "largest", "excerpt")),
+        (WIDEBAND, ("amplitude",)),
+        (ORDER_MAP, ("amplitude",)),
+        (AVERAGES, ("average", "difference")),
+    ],
+)
+def test_values_are_in_the_unit_of_their_channel(analysis, picture, names):
+    assert [first(analysis, picture)[name].attrs["units"] for name in names] == ["g"] * len(names)
 
 
 def test_no_sample_is_beyond_the_waveform(analysis, record):
