@@ -1,14 +1,14 @@
 """Checks of the trackers' arguments: records, phases, orders, bandwidths."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._validation import nearest, number, positive, real_array, whole, writable
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.state_space import PRIOR_STD, BandwidthUnits, Floats, HarmonicModel, Indices, Order
+from signals.harmonics.state_space import PRIOR_STD, Floats, HarmonicModel, Indices, Order
 
 SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
 # Largest turn between samples in rad. Half the rate itself is allowed; angles of exactly that round to either side.
@@ -77,15 +77,6 @@ def check_orders(
     return np.array([order for _, order in pairs]), names, shaft, tuple(angles.values())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CheckedBandwidth:
-    """Bandwidths as given and in cycles per sample."""
-
-    given: Floats  # (order,) in `units`, the mean over time where it varies
-    units: BandwidthUnits
-    cycles: Floats  # (order, 1), or (order, sample) where it varies, in cycles per sample
-
-
 def check_bandwidth(
     *,
     bandwidth_hz: ArrayLike | None,
@@ -94,8 +85,12 @@ def check_bandwidth(
     samples_per_rev: float | None,
     shaft: Indices,
     phases: tuple[Floats, ...],
-) -> CheckedBandwidth:
-    """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them."""
+) -> tuple[Floats, dict[str, Any]]:
+    """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them.
+
+    In cycles per sample, (order, 1), or (order, sample) where it varies; and as the results state it, the means in
+    the given units and in cycles per sample.
+    """
     given = {
         "bandwidth_hz": bandwidth_hz, "bandwidth_orders": bandwidth_orders,
         "rate_hz": rate_hz, "samples_per_rev": samples_per_rev,
@@ -119,9 +114,8 @@ def check_bandwidth(
     steps = [np.gradient(phase) if phase.size > 1 else np.zeros(1) for phase in phases] if by_speed else []
     cycles = width * (np.abs(np.stack(steps)) / (2 * np.pi))[shaft] if by_speed else width / per_sample
     _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
-    return CheckedBandwidth(
-        given=width.mean(axis=1), units="hz" if bandwidth == "bandwidth_hz" else "orders", cycles=cycles
-    )
+    units = bandwidth.removeprefix("bandwidth_")
+    return cycles, {"bandwidth": width.mean(axis=1), "bandwidth_units": units, "bandwidth_cycles": cycles.mean(axis=1)}
 
 
 def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:
@@ -169,10 +163,10 @@ def check_model(
     *, orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], samples: int,
     noise_variance: object, initial_std: object, poles: int, bandwidth_hz: ArrayLike | None,
     bandwidth_orders: ArrayLike | None, rate_hz: float | None, samples_per_rev: float | None,
-) -> tuple[HarmonicModel, tuple[str, ...], CheckedBandwidth, float | None]:  # fmt: skip
-    """Return the model, the names of the orders' shafts, the bandwidths and R, or refuse what is wrong with them."""
+) -> tuple[HarmonicModel, tuple[str, ...], dict[str, Any], float | None]:  # fmt: skip
+    """Return the model, the shafts' names, the bandwidths as results state them and R, or refuse what is wrong."""
     numbers, names, shaft, phases = check_orders(orders, phase_rad, samples=samples)
-    bandwidth = check_bandwidth(
+    cycles, means = check_bandwidth(
         bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
         samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
     )  # fmt: skip
@@ -192,10 +186,10 @@ def check_model(
                 f"{SMALLEST:g} and {LARGEST:g} of them: choose one in between."
             )
     model = HarmonicModel(
-        orders=numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
+        orders=numbers, shaft=shaft, phases=phases, bandwidth=cycles,
         poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior,
     )  # fmt: skip
-    return model, names, bandwidth, noise
+    return model, names, means, noise
 
 
 def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:

@@ -153,8 +153,7 @@ class OrderTracker:
         found = statistics(block, estimate, self._noise)
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
-            orders=model.orders[:orders], shafts=self._names, bandwidth=self._width.given,
-            bandwidth_units=self._width.units, bandwidth_cycles=self._width.cycles[:, 0], poles=model.poles,
+            **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,
             std_spacing=self._every if variance.shape[1] < outputs else None,

@@ -171,11 +171,10 @@ def track_orders(
     found = {name: parts[0][1][name] if alike else _joined([own[name] for _, own in parts]) for name in parts[0][1]}
     return OrderTracks(
         std_spacing=parts[0][0].std_spacing,
-        orders=model.orders, shafts=shafts, bandwidth=bandwidth.given, bandwidth_units=bandwidth.units,
-        bandwidth_cycles=bandwidth.cycles.mean(axis=1), poles=model.poles, estimator=estimator, method=chosen,
+        orders=model.orders, shafts=shafts, poles=model.poles, estimator=estimator, method=chosen,
         samples=samples, output_every=task.output_every,
         error_bound=max(estimate.error_bound for estimate, _ in parts),
-        **{name: squeeze(value, one) for name, value in found.items()},
+        **bandwidth, **{name: squeeze(value, one) for name, value in found.items()},
     )  # fmt: skip
 
 

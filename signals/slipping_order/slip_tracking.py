@@ -241,11 +241,11 @@ def track_slipping_order(
     if line.largest_slip >= 1:
         raise ValueError(f"largest_slip={largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02.")
     record = _check_record(x, phase_rad, line, noise_variance=given)
-    bandwidth = check_bandwidth(
+    cycles, bandwidth = check_bandwidth(
         bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
         samples_per_rev=samples_per_rev, shaft=np.zeros(1, dtype=np.int64), phases=(record.phase,),
     )  # fmt: skip
-    width = bandwidth.cycles[0]
+    width = cycles[0]
 
     ridge = search(record, line, width=width, noise_variance=given)
     chain = in_blocks(record, line, width=width, noise_variance=ridge.noise_variance, every=every)
@@ -279,7 +279,7 @@ def track_slipping_order(
         std=unit * std, amplitude_std=unit * amplitude_std, phase_std_rad=phase_std,
         slip=means[:, -1], slip_std=slip_std, slip_phase_rad=slip_phase, sample_index=chain.centres[chain.outputs],
         order=line.order, largest_slip=line.largest_slip, slip_change_per_rev=line.slip_change,
-        bandwidth=float(bandwidth.given[0]), bandwidth_units=bandwidth.units, estimator=estimator,
+        bandwidth=float(bandwidth["bandwidth"][0]), bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator,
         noise_variance=ridge.noise_variance, innovation_mean_square=path.innovation_mean_square,
         false_alarm_probability=ridge.false_alarm_probability, status=status,
         iterations=max(0, objective.size - 1), objective=objective,
