@@ -25,16 +25,15 @@ of the truth, is compared with the first channel without noise, external sources
 power of the difference over the power of the channel, in per cent. `fault`: the same for the contribution of the
 faults, from the lines of the faulty and of the healthy record with the same seed; bearings with slip have no lines, and
 their contribution is excluded. `lines` counts those of the faulty record. `stated`: by records with gear dynamics, from
-4096 samples: free vibration after a start or a jump, which is not a line, and the shares of the rest, and of the
+all samples: free vibration after a start or a jump, which is not a line, and the shares of the rest, and of the
 contribution of damaged teeth, that the lines leave. `size`: bytes of amplitudes over those of the samples, at most 1.
 s: CPU time including truth. `benchmark-1` rows: the first record with a damaged gear whose speed is steady to 0.2 %,
 varies by 3 %, rises or falls linearly, or steps; and the first of each with a severity of 0.4 to 0.6.
 
 Lines are to leave at most 0.3 % of a record, free vibration aside, and 3 % of a fault. They leave more of both starts
 from 1 rpm and of the ramp from 90 to 180 rpm, where speed changes within the revolutions that resolve neighbouring
-lines; of planets with deviations and record 14 of `benchmark-1`, whose lines take more bytes than the samples; of the
-spalled planet tooth, whose lines 1 s does not resolve; of record 5, a torque step in a ramp; and of `wijianto`, whose
-mesh follows time, so that its lines are at no order of a shaft."""
+lines; of planets with deviations, whose lines take more bytes than the samples; of the spalled planet tooth, whose
+lines 1 s does not resolve; and of `wijianto`, whose mesh follows time, so that its lines are at no order of a shaft."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | stated: free, left, fault left, % | size | s |\n"
     "|---|---|---|---|---|---|---|---|"

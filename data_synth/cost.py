@@ -17,7 +17,7 @@ from data_synth.scene.scene import Scene, SceneError, load_scene
 from data_synth.scene.sensors import Sensor, Transfer
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_responses import impact_lines
-from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.sources.prepared import PreparedScene, prepare_scene, truth_instants
 from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.run import Motion, contacts_in, motion_of
 from hums.gearbox.components import count
@@ -145,7 +145,7 @@ def explain(
     if declared.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         gears: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
-        projected = 0
+        projected, instants_of_truth, digits = 0, declared.truth_times, 2 * BYTES
     else:
         stage = with_full_duration(stage, declared)
         motion = motion_of(stage)
@@ -155,14 +155,15 @@ def explain(
             _GEAR_COPIES * BYTES * samples * channels * (not choice.linear),
         )
         stage = with_gear_lines(stage, motion, choice)
-        candidates = candidates_of(
-            declared, top=declared.rate_hz / 2 / stage.drive.angle.top_speed_hz(0.0, declared.duration_s), mixed=False
-        ).orders.size
-        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
+        top = declared.rate_hz / 2 / stage.drive.angle.top_speed_hz(0.0, declared.duration_s)
+        candidates = 0 if choice.linear else candidates_of(declared, top=top, mixed=False).orders.size
+        instants_of_truth = truth_instants(declared, stage.drive).size
+        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)), samples // instants_of_truth)
+        digits = 2 * BYTES if choice.linear else BYTES  # lines of vibrating gears have single precision
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes) + channels * projected
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    amplitudes, events = 2 * BYTES * lines * declared.truth_times, round(BYTES * time_factor * instants)
+    amplitudes, events = digits * lines * instants_of_truth, round(BYTES * time_factor * instants)
     rows = channels + _further_rows(declared, phases=phases, mechanics=mechanics)
     rows += channels * _sources(stage) if by_source else 0
     record_bytes = rows * samples * BYTES

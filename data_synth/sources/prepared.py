@@ -170,7 +170,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
     spacing = 1 / tachometer.pulses_per_rev
     turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * rng_for("tachometer").random()
     drive = build_drive(scene, datum_turn=turn, speed_rng=rng_for("speed"), torque_rng=rng_for("torque"))
-    instants_s = _instants(scene, drive)
+    instants_s = truth_instants(scene, drive)
     offsets = [_offset_at_first(fault, number, rng_for=rng_for) for number, fault in enumerate(scene.faults)]
     at_zero = [
         (offset + float(turns_before * _turn_order(scene, fault) % 1)) % 1.0
@@ -229,7 +229,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
     return prepared.with_bending_rings(loads)
 
 
-def _instants(scene: Scene, drive: Drive) -> Array:
+def truth_instants(scene: Scene, drive: Drive) -> Array:
     """Return the instants of the truth in s, between which amplitudes are linear.
 
     They are uniform, 20 per second. In gear dynamics, constant conditions need both ends only, and ramps 21 instants,
@@ -243,7 +243,7 @@ def _instants(scene: Scene, drive: Drive) -> Array:
     varies = any(len({value for _, value in history.knots}) > 1 for history in histories)
     grows = any(fault.growth is not None for fault in scene.faults)
     # growth changes no instants of a ramp, so that lines without the fault are the same
-    if not (scene.imperfections or scene.speed.run_up or (grows and not varies)) and all(
+    if not (imperfections_of(scene).temperature or scene.speed.run_up or (grows and not varies)) and all(
         len(history.knots) <= _RAMP_KNOTS and not history.turbulence for history in histories
     ):
         instants_s = np.linspace(0.0, scene.duration_s, min(scene.truth_times, _FEWEST) if varies else 2)

@@ -121,7 +121,6 @@ def _turn_orders(scene: Scene) -> dict[str, Fraction]:
 
 _STEADY = 1e-12  # of the speed: variation due to rounding
 _FEWEST_TURNS = 16  # that determine the lines of a steady motion, if its period is shorter
-_COMPARED = 4096  # equidistant samples with which the lines are compared
 _SLOW = 0.3  # of the top speed: lines of lower speeds are weak
 
 
@@ -223,35 +222,16 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
         steady=steady,
         most=most,
     )
-    orders = candidates.orders[found.chosen]
     amplitudes = found.amplitudes if sign > 0 else found.amplitudes.conj()
     lines = tuple(
         Line(float(candidates.orders[place]), component, kind, amplitude)
         for place, amplitude in zip(found.chosen.tolist(), amplitudes.swapaxes(0, 1), strict=True)
         for component, kind in [candidates.sources[place]]
     )
-    left = _left(prepared, signal, revolutions, orders, amplitudes)
     full = ", as many as the size of the samples admits" if len(lines) == most else ""
     about = (
         f"{len(lines)} lines{full}, fitted together in intervals of {found.interval_rev:.3g} rev; those nearer than "
         f"{1 / found.interval_rev:.2g} orders are not told apart; they leave "
-        f"{100 * np.max(left, initial=0.0):.2g} % of the power"
+        f"{100 * np.max(found.left, initial=0.0):.2g} % of the power"
     )
-    return GearLines(lines=lines, left=left, about=about)
-
-
-def _left(prepared: PreparedScene, signal: Array, revolutions: Array, orders: Array, amplitudes: ComplexArray) -> Array:
-    """Return the share of the power (channel,) outside the lines in some samples, with Z linear between instants."""
-    samples = np.linspace(0, signal.shape[1] - 1, min(signal.shape[1], _COMPARED)).astype(int)
-    found = np.zeros((signal.shape[0], samples.size))
-    place = np.interp(samples / prepared.scene.rate_hz, prepared.instants_s, np.arange(prepared.instants_s.size))
-    before = np.minimum(place.astype(int), prepared.instants_s.size - 2)
-    for first in np.unique(before).tolist():
-        here = before == first
-        turns = np.multiply.outer(orders, revolutions[samples[here]])
-        waves = np.exp((2j * np.pi * (turns - np.rint(turns))).astype(np.complex64))
-        zero, one = np.einsum("ckt,kn->tcn", amplitudes[:, :, first : first + 2], waves).real
-        found[:, here] = zero + (place[here] - first) * (one - zero)
-    compared = signal[:, samples] - np.mean(signal, axis=1, keepdims=True)
-    whole, left = np.sum(compared**2, axis=1), np.sum((compared - found) ** 2, axis=1)
-    return np.asarray(np.divide(left, whole, out=np.zeros_like(whole), where=whole > 0))
+    return GearLines(lines=lines, left=found.left, about=about)

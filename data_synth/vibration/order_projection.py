@@ -13,7 +13,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,18 +26,20 @@ _FINER = 1.5  # cells of the grid to a sample at the Nyquist rate of the highest
 _SPREAD = 7  # cells of the kernel: its aliases are below 1e-5
 _BETA = 2.0 * _SPREAD
 _DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
-_BINS = 8  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
-_RISE, _RISE_OF_CONSTANTS = 0.25, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
+_BINS = 16  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
+_RISE, _RISE_OF_CONSTANTS = 0.06, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
 _APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.5, 0.25
 """Least distance of a line from order zero and from every stronger line: in cycles per mean interval, the same when
 closer lines are added, and in cycles per record for constant amplitudes. Closer lines of constant amplitude are
 resolved, but splines at as many orders would have more coefficients than there are samples."""
-_ENOUGH, _ENOUGH_NEARER = 1e-4, 2e-3
+_ENOUGH, _ENOUGH_NEARER = 2e-4, 3e-3
 """Share of the power left that suffices: below the first, intervals are not shortened; below the second, no closer
 lines are added."""
+_WORSE = 2.0  # times as much left: a step that leaves more is the last
 _UNKNOWNS = 0.65  # coefficients per sample, at most: with more, splines would fit any signal
 _LEFT_OUT = 1e-4  # of the power of all lines: total of the weakest
 _SHORTEST = 0.25  # of the mean interval: shorter ones need not be resolved by the transform of a line
+_FLAT = 0.25  # of an interval: at both ends amplitudes are constant, since half of each spline is outside the record
 _REGULAR = 0.03  # of the mean diagonal of the Gram matrix, added to it: conditions the splines at both ends
 _STEPS, _SETTLED = 12, 1e-2  # conjugate gradients, at most, and the share of what is left that a last one takes away
 _LINES, _BLOCK = 512, 65536  # lines that are transformed at once, and samples
@@ -54,7 +56,7 @@ class Projection:
     amplitudes : (channel, line, instant) complex array
         Z, ``x = Re sum Z exp(2 pi j order angle)``.
     left : (channel,) array
-        Share of the weighted power, uniform in angle, outside the lines.
+        Share of the power outside the lines, over all samples.
     intervals : int
         Number of spline intervals; 0 for constant amplitudes.
     interval_rev : float
@@ -99,7 +101,7 @@ def projection(
         Whether amplitudes are constant.
     """
     finest = 0 if steady else at_rev.size - 1
-    spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape), finest)
+    spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape))
     places, halvings = np.flatnonzero(orders < spectrum.top_order), (finest // _FEWEST or 1).bit_length() - 1
     ladder = [finest >> number for number in range(halvings, -1, -1)]
     fitted = partial(_fitted, spectrum, orders[places], at_rev=at_rev, most=most)
@@ -109,9 +111,9 @@ def projection(
             if np.max(best.left) < enough or 2 * best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
                 break
             found = fitted(intervals, apart=apart)
-            if np.sum(found.left) > np.sum(best.left):
+            if np.sum(found.left) > _WORSE * np.sum(best.left):
                 break
-            best = found
+            best = min(best, found, key=lambda each: float(np.sum(each.left)))
     from_zero = np.exp(-2j * np.pi * np.remainder(orders[places[best.chosen]] * revolutions[0], 1.0))
     return replace(best, chosen=places[best.chosen], amplitudes=best.amplitudes * from_zero[:, None])
 
@@ -120,6 +122,7 @@ def _fitted(
     spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None, apart: float
 ) -> Projection:
     """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
+    spectrum = replace(spectrum, intervals=intervals)
     interval_rev = spectrum.span_rev / max(intervals, 1)
     some, gaps = _separate(orders, spectrum.power_about(orders, 1 / interval_rev), apart=apart / interval_rev)
     knots_rev, least_rev = at_rev - spectrum.revolutions[0], _NEARER / gaps
@@ -129,15 +132,16 @@ def _fitted(
     coefficients = lines.fitted()
     loud = _loudest(lines.powers(coefficients), most=most)
     coefficients[:, np.setdiff1d(np.arange(some.size), loud)] = 0
-    left = spectrum.transform - lines.transform(coefficients)
-    explained = np.sum(np.abs(spectrum.transform) ** 2 - np.abs(left) ** 2, axis=1)
-    # where the weight rises from zero, amplitudes are those where it is one
-    ends_rev = _RISE * spectrum.span_rev / intervals if intervals else 0.0
-    splines = lines.splines(np.clip(at_rev - spectrum.revolutions[0], ends_rev, spectrum.span_rev - ends_rev))
+    splines = lines.splines(at_rev - spectrum.revolutions[0])
+    # with a weight that falls to zero outside the record only, so that what is left includes both ends
+    whole = replace(spectrum, margin_rev=interval_rev * (_FLAT if intervals else _RISE_OF_CONSTANTS))
+    earlier = np.exp(-2j * np.pi * whole.margin_rev * lines.orders)
+    rest = whole.without(replace(lines, spectrum=whole).transform(coefficients * earlier[:, None]))
+    power = np.var(spectrum.signal, axis=1)
     return Projection(
         chosen=some[loud],
         amplitudes=np.stack([(splines @ row[loud].T).T for row in coefficients]),
-        left=1 - explained / np.maximum(spectrum.power, np.finfo(float).tiny),
+        left=np.divide(np.var(rest, axis=1), power, out=np.zeros_like(power), where=power > 0),
         intervals=intervals,
         interval_rev=interval_rev,
     )
@@ -147,13 +151,15 @@ def _fitted(
 class _Spectrum:
     """Transform of a weighted signal over angle, in lines of ``1 / period_rev``.
 
-    The weight rises and falls within a fraction of the shortest spline interval or, for constants, of the record.
+    The weight rises and falls within a fraction of a spline interval or, for constants, of the record; with a margin,
+    within that outside the record.
     """
 
     signal: Array
     revolutions: Array
     known_orders: Array
-    intervals: int
+    intervals: int = 0
+    margin_rev: float = 0.0
 
     @cached_property
     def top_order(self) -> float:
@@ -165,14 +171,15 @@ class _Spectrum:
 
     @property
     def rise_rev(self) -> float:
-        return self.span_rev * (_RISE / self.intervals if self.intervals else _RISE_OF_CONSTANTS)
+        return self.margin_rev or self.span_rev * (_RISE / self.intervals if self.intervals else _RISE_OF_CONSTANTS)
 
     @cached_property
     def cells(self) -> int:
         """Number of cells of the grid."""
         from scipy.fft import next_fast_len  # noqa: PLC0415
 
-        return int(next_fast_len(math.ceil(self.span_rev * self._cells_per_rev) + 2 * _SPREAD, real=True))
+        whole_rev = self.span_rev + 2 * self.margin_rev
+        return int(next_fast_len(math.ceil(whole_rev * self._cells_per_rev) + 2 * _SPREAD, real=True))
 
     @property
     def _cells_per_rev(self) -> float:
@@ -184,43 +191,50 @@ class _Spectrum:
 
     def weight(self, angle_rev: Array) -> Array:
         """Return w at angles from the first sample."""
-        from_end = np.minimum(angle_rev, self.span_rev - angle_rev)
+        from_end = np.minimum(angle_rev, self.span_rev - angle_rev) + self.margin_rev
         return np.asarray(np.sin(np.pi / 2 * np.clip(from_end / self.rise_rev, 0.0, 1.0)) ** 2)
 
-    @property
-    def power(self) -> Array:
-        """Sum of squares (channel,) of the transform over all orders."""
-        return self._transformed[1]
+    @cached_property
+    def factor(self) -> ComplexArray:
+        """Y over the Fourier transform of the grid, (m,)."""
+        frequency = np.arange(int(self.top_order * self.period_rev) + 1) / self.cells
+        response = np.interp(frequency, *_kernel_response())
+        return np.asarray(2 / self.period_rev / response * np.exp(2j * np.pi * _SPREAD * frequency))
 
-    @property
-    def transform(self) -> NDArray[np.complex64]:
-        """Return Y (channel, m)."""
-        return self._transformed[0]
+    def _blocks(self) -> Iterator[tuple[slice, Array, NDArray[np.int64], NDArray[np.float32]]]:
+        """Yield samples, their angles from the first, their lowest cells, and their distances from these in cells."""
+        for start in range(0, self.revolutions.size, _BLOCK):
+            here = slice(start, min(start + _BLOCK, self.revolutions.size))
+            angle_rev = self.revolutions[here] - self.revolutions[0]
+            at = (angle_rev + self.margin_rev) * self._cells_per_rev + _SPREAD
+            lowest = np.rint(at).astype(np.int64) - _SPREAD // 2
+            yield here, angle_rev, lowest, (at - lowest).astype(np.float32)
 
     @cached_property
-    def _transformed(self) -> tuple[NDArray[np.complex64], Array]:
+    def transform(self) -> NDArray[np.complex64]:
+        """Y (channel, m)."""
         from scipy.fft import rfft  # noqa: PLC0415
 
-        grid, power = np.zeros((self.signal.shape[0], self.cells)), np.zeros(self.signal.shape[0])
-        for start in range(0, self.revolutions.size, _BLOCK):
-            here = slice(start, start + _BLOCK)
-            revolutions = self.revolutions[max(start - 1, 0) : start + _BLOCK + 1]
-            steps_rev = np.gradient(revolutions)[min(start, 1) :][: self.revolutions[here].size]
-            angle_rev = self.revolutions[here] - self.revolutions[0]
-            weighted = self.signal[:, here] * self.weight(angle_rev)
-            power += 2 / self.period_rev * np.sum(weighted**2 * steps_rev, axis=1)
-            weighted *= steps_rev
-            at = angle_rev * self._cells_per_rev + _SPREAD
-            nearest = np.rint(at).astype(np.int64) - _SPREAD // 2
-            first, last = int(nearest[0]), int(nearest[-1]) + 1
+        grid, steps_rev = np.zeros((self.signal.shape[0], self.cells)), np.gradient(self.revolutions)
+        for here, angle_rev, lowest, away in self._blocks():
+            weighted = self.signal[:, here] * (self.weight(angle_rev) * steps_rev[here])
+            first, last = int(lowest[0]), int(lowest[-1]) + 1
             for cell in range(_SPREAD):
-                share = _kernel((at - nearest - cell).astype(np.float32))
+                share = _kernel(away - cell)
                 for row, values in zip(grid, weighted, strict=True):
-                    row[first + cell : last + cell] += np.bincount(nearest - first, weights=share * values)
-        frequency = np.arange(int(self.top_order * self.period_rev) + 1) / self.cells
-        scale = 2 / self.period_rev / _kernel_response(frequency) * np.exp(2j * np.pi * _SPREAD * frequency)
-        spectrum = [(rfft(row)[: frequency.size] * scale).astype(np.complex64) for row in grid]
-        return np.stack(spectrum), power
+                    row[first + cell : last + cell] += np.bincount(lowest - first, weights=share * values)
+        return np.stack([(rfft(row)[: self.factor.size] * self.factor).astype(np.complex64) for row in grid])
+
+    def without(self, lines: NDArray[np.complex64]) -> Array:
+        """Return the signal (channel, n) less lines of a given transform (channel, m), interpolated at the samples."""
+        from scipy.fft import irfft  # noqa: PLC0415
+
+        grid = irfft(lines * (self.cells * self.period_rev / 4 * self.factor.conj()), self.cells, axis=1)
+        rest = self.signal.copy()
+        for here, _, lowest, away in self._blocks():
+            for cell in range(_SPREAD):
+                rest[:, here] -= _kernel(away - cell) * grid[:, lowest + cell]
+        return rest
 
     def power_about(self, orders: Array, width: float) -> Array:
         """Return the sum of squares (k,) around orders, tapered to zero at a width."""
@@ -236,13 +250,13 @@ def _kernel(cells: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.exp(_BETA * (np.sqrt(np.maximum(1 - (2 * cells / _SPREAD) ** 2, 0.0)) - 1)))
 
 
-def _kernel_response(cycles_per_cell: Array) -> Array:
-    """Return the Fourier transform of the kernel, by Gaussian quadrature at few points, interpolated linearly."""
+@cache
+def _kernel_response() -> tuple[Array, Array]:
+    """Return frequencies in cycles per cell and the Fourier transform of the kernel, by Gaussian quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(96)
-    known_at = np.linspace(0, 0.5 / _FINER, 4097)
-    waves = np.cos(np.pi * _SPREAD * np.multiply.outer(known_at, nodes))
-    response = waves @ (weights * _SPREAD / 2 * _kernel(_SPREAD / 2 * nodes))
-    return np.asarray(np.interp(cycles_per_cell, known_at, response))
+    frequencies = np.linspace(0, 0.5 / _FINER, 4097)
+    waves = np.cos(np.pi * _SPREAD * np.multiply.outer(frequencies, nodes))
+    return frequencies, waves @ (weights * _SPREAD / 2 * _kernel(_SPREAD / 2 * nodes))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,7 +284,8 @@ class _Lines:
         between = self.knots_rev.size - 1
         if not self.intervals:
             return _b_splines(np.zeros(angle_rev.size), 1, 0)
-        at_instants = _b_splines(self._even, self.intervals, 1 if self.intervals == between else _DEGREE)
+        places = np.clip(self._even, _FLAT, self.intervals - _FLAT)
+        at_instants = _b_splines(places, self.intervals, 1 if self.intervals == between else _DEGREE)
         return _b_splines(np.interp(angle_rev, self.knots_rev, np.arange(between + 1.0)), between, 1) @ at_instants
 
     @cached_property
@@ -282,7 +297,7 @@ class _Lines:
         shortest = np.min(np.diff(ends_rev), initial=np.inf)
         finest = min(self.spectrum.span_rev / shortest, self.intervals / _SHORTEST)
         bins = int(next_fast_len(math.ceil(_BINS * (max(finest, _FEWEST) + _DEGREE))))
-        angle_rev = np.arange(bins) * self.spectrum.period_rev / bins
+        angle_rev = np.arange(bins) * self.spectrum.period_rev / bins - self.spectrum.margin_rev
         return self.splines(angle_rev).multiply(self.spectrum.weight(angle_rev)[:, None]).astype(np.float32).tocsr()
 
     @cached_property
@@ -338,7 +353,7 @@ class _Lines:
         """Return the transform (channel, m) of lines with these coefficients."""
         from scipy.fft import fft  # noqa: PLC0415
 
-        bins, size = self._weighted.shape[0], self.spectrum.transform.shape[1]
+        bins, size = self._weighted.shape[0], self.spectrum.factor.size
         found = np.zeros((coefficients.shape[0], size + 2 * bins), dtype=np.complex64)
         for here in self._blocks():
             turned, lines = self._about(here)

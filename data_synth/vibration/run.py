@@ -291,7 +291,8 @@ class Motion:
             If the integration fails.
         """
         scene = self.stage.scene
-        sensor_forces = replace(self.sensor_forces, static_readings=self.static_readings)
+        late_s = self.eased / (2 * self.output.rate_hz)
+        sensor_forces = replace(self.sensor_forces, static_readings=self.static_readings, late_s=late_s)
         filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in sensor_forces.routes]
         weighted, delay = _WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
         if weighted is not None:

@@ -231,6 +231,9 @@ class SensorForces:
     static_readings : (route, instant) array, or None
         Static part of the readings of declared paths, zero for others, which is subtracted: an accelerometer does not
         measure it, but a mode of unit static gain would transmit it. None without declared paths.
+    late_s : float
+        Delay of static forces: half a sample where displacements jump after the sample nearest to a
+        jump of the load.
     """
 
     stage: PreparedScene = field(repr=False)
@@ -242,6 +245,7 @@ class SensorForces:
     carriers: dict[str, tuple[float, float]]
     static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
     static_readings: Array | None = field(default=None, repr=False)
+    late_s: float = 0.0
 
     @property
     def rotate(self) -> bool:
@@ -254,7 +258,7 @@ class SensorForces:
         if self.static_readings is not None:
             readings = readings.copy()
             for route, static in enumerate(self.static_readings):
-                readings[:, route] -= np.interp(times_s, self.stage.instants_s, static)
+                readings[:, route] -= np.interp(times_s - self.late_s, self.stage.instants_s, static)
         if not self.rotate:
             return readings
         sensed = readings[:, :count].copy()
@@ -272,7 +276,8 @@ class SensorForces:
             cosine, sine = waves[passes.carrier]
             static = np.zeros(1)
             if passes.contact in self.static_n:
-                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.contact])
+                static = self.static_n[passes.contact]
+                static = np.interp(times_s - self.late_s, self.stage.instants_s, static)
             dynamic = readings[:, passes.reading] - static
             gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
             along = cosine * passes.first + sine * passes.second + passes.axial

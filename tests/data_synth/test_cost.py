@@ -60,6 +60,12 @@ def test_the_truth_of_gears_in_motion_is_about_as_large_as_estimated():
     assert 1 / 2.7 < estimated / made < 2.7
 
 
+def test_the_truth_of_steady_gears_has_two_instants():
+    steady = load_scene("gears-in-motion").changed(duration_s=2.0)
+    made = simulate(steady, seed=1)["truth_amplitude"].nbytes
+    assert 1 / 2.7 < explain(steady).truth_bytes / made < 2.7  # as above, of one record; 100 times with 20 a second
+
+
 def test_what_cannot_be_simulated_is_refused_here_too():
     with pytest.raises(SceneError, match="rate_hz = 17000 is not above"):
         explain(load_scene("demo").changed(rate_hz=17000.0, excitation={"harmonics": 20}))

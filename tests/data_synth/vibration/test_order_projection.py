@@ -40,7 +40,13 @@ def test_amplitudes_that_vary_come_back_at_any_speed_with_the_share_of_the_power
     from_end = np.minimum(turns - turns[0], turns[-1] - turns)[instants]
     error = np.abs(lines - expected[:, :, instants])[:, :, from_end > found.interval_rev / 4]
     assert np.max(error) < 5e-3 * np.max(np.abs(expected))
-    assert_allclose(found.left, 0.05**2, rtol=0.1)
+    place = np.interp(turns, turns[instants], np.arange(instants.size))
+    between = np.maximum(1 - np.abs(place - np.arange(instants.size)[:, None]), 0)
+    waves = np.exp(2j * np.pi * np.multiply.outer(every[found.chosen], turns))
+    rest = signal - np.sum((found.amplitudes @ between * waves).real, axis=1)
+    assert_allclose(found.left, np.var(rest, axis=1) / np.var(signal, axis=1), rtol=0.01)
+    in_angle = [np.average(part**2, axis=1, weights=np.gradient(turns)) for part in (rest, signal)]
+    assert_allclose(np.divide(*in_angle), 0.05**2, rtol=0.1)
 
 
 def test_lines_of_constant_amplitude_come_back_and_nothing_is_left():
