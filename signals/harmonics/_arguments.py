@@ -19,23 +19,26 @@ SMALLEST, LARGEST = 1e-120, 1e120
 NARROWEST = 1e-100
 
 
-def check_record(x: ArrayLike) -> Floats:
-    """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
+def check_record(x: ArrayLike, *, smallest: float = 0.0) -> Floats:
+    """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it.
+
+    Where the noise is to be estimated, a channel must reach `SMALLEST`, or be zero.
+    """
     values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
-    largest = max(values.max(), -values.min())
-    if np.isnan(largest):
-        largest = max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None))
-    if np.isinf(largest):
+    largest = np.fmax(np.fmax.reduce(values, axis=1), -np.fmin.reduce(values, axis=1))  # NaN where all are missing
+    if np.isinf(largest).any():
         infinite = np.argwhere(np.isinf(values))
         place = ", ".join(map(str, infinite[0][-np.ndim(x) :].tolist()))
         raise ValueError(
             f"x[{place}]={values[tuple(infinite[0])]} (and {len(infinite) - 1} more) is infinite; "
             "samples must be finite, or NaN where missing: mark bad samples as NaN."
         )
-    if largest > LARGEST:
+    lost = np.flatnonzero((largest > LARGEST) | ((largest > 0) & (largest < smallest)))
+    if lost.size:
         raise ValueError(
-            f"x reaches {largest:.3g}, above {LARGEST:g}, and its squares would overflow; scale the record to "
-            "another unit, or mark bad samples as NaN."
+            f"x{f'[{lost[0]}]' if np.ndim(x) > 1 else ''} reaches {largest[lost[0]]:.3g}, whose square is lost in "
+            f"double precision; scale the record to a unit in which it reaches between {SMALLEST:g} and {LARGEST:g}, "
+            "or mark bad samples as NaN."
         )
     return values
 

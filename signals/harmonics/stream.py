@@ -150,7 +150,7 @@ class OrderTracker:
         now.last_phase = phase[:, -1].copy()
         orders, outputs = len(self._orders), amplitude.shape[-1]
         estimate = now.innovations.estimate(amplitude, variance).of_orders(orders)
-        found = statistics(block, estimate, self._noise)
+        found = statistics(estimate, self._noise)
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
             **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,

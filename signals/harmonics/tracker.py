@@ -142,7 +142,7 @@ def track_orders(
             bandwidth_orders=bandwidth_orders, rate_hz=rate_hz, samples_per_rev=samples_per_rev, poles=poles,
             estimator=estimator, method=method, rtol=rtol, noise_variance=noise_variance, initial_std=initial_std,
         )  # fmt: skip
-    record = _arguments.check_record(x)
+    record = _arguments.check_record(x, smallest=_arguments.SMALLEST if noise_variance is None else 0.0)
     samples = record.shape[1]
     model, shafts, bandwidth, noise_variance = _arguments.check_model(
         orders=orders, phase_rad=phase_rad, samples=samples, noise_variance=noise_variance, initial_std=initial_std,
@@ -189,7 +189,7 @@ def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: 
     """Return the estimate of channels that miss the same samples, and the (channel, ...) fields of the first orders."""
     seen = ~np.isnan(record[0])
     estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
-    found = statistics(record, estimate.of_orders(orders), task.noise_variance)
+    found = statistics(estimate.of_orders(orders), task.noise_variance)
     if task.noise_variance is None:
         fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovation_samples * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
@@ -199,16 +199,14 @@ def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: 
     return estimate, found
 
 
-def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[str, Any]:
+def statistics(estimate: Estimate, given: float | None) -> dict[str, Any]:
     """Return the (channel, ...) fields of `OrderTracks`; all channels share variances.
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
-    channels, count, mean_square = len(record), estimate.innovation_samples, estimate.innovation_mean_square
+    channels, count, mean_square = len(estimate.amplitude), estimate.innovation_samples, estimate.innovation_mean_square
     none = 0.0 if count else np.nan
     noise = mean_square.astype(np.float64) if given is None else np.full(channels, float(given))
-    if given is None:
-        _check_not_faint(record, noise)
     return {
         "complex_amplitude": estimate.amplitude,
         "settling_variance": np.broadcast_to(estimate.variance, (channels, *estimate.variance.shape)),
@@ -217,18 +215,6 @@ def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[
         "noise_freedom": np.full((channels, 1, 1), np.inf),
         "innovation_mean_square": np.ones(channels) if given is None else mean_square / noise + none,
     }
-
-
-def _check_not_faint(record: Floats, noise: Floats) -> None:
-    """Refuse a record so small that the squares of its samples underflow."""
-    for channel in np.flatnonzero(noise < _arguments.SMALLEST**2):
-        values = record[channel]
-        largest = max(np.fmax.reduce(values), -np.fmin.reduce(values))
-        if 0 < largest < _arguments.SMALLEST:
-            raise ValueError(
-                f"x reaches no more than {largest:.3g} in channel {channel}, whose square is too small to estimate "
-                "the noise from; scale the record to another unit."
-            )
 
 
 def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: Any) -> OrderTracks:  # noqa: ANN401

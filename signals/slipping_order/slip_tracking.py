@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from signals._validation import checked, choice, positive, real_vector, whole
-from signals.harmonics._arguments import check_bandwidth, check_phase, check_record
+from signals.harmonics._arguments import SMALLEST, check_bandwidth, check_phase, check_record
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
 from signals.slipping_order.slip_detection import Line, SlipRecord, search
@@ -51,8 +51,8 @@ _FALSE_ALARM = 0.01
 _TOO_FAST = 1e-3
 # Standard deviation of an unknown phase, uniform over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
-# Range of peak values whose squares are exact in double precision; and largest one over the noise's std.
-_SMALLEST, _LARGEST, _LOUDEST = 1e-100, 1e100, 1e12
+# Largest peak value over the noise's std.
+_LOUDEST = 1e12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -291,13 +291,8 @@ def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_varia
     samples = real_vector(x, name="x", minimum=4, finite=False, any_unit=True)  # narrower bounds follow
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
+    check_record(samples, smallest=SMALLEST)
     peak = float(np.nanmax(np.abs(samples)))
-    if np.isfinite(peak) and peak and not _SMALLEST <= peak <= _LARGEST:
-        raise ValueError(
-            f"x reaches {peak:g}, whose square is lost in double precision; give x in a unit in which it reaches "
-            f"between {_SMALLEST:g} and {_LARGEST:g}."
-        )
-    check_record(samples)  # refuses infinite samples
     if noise_variance is not None and peak > _LOUDEST * np.sqrt(noise_variance):
         raise ValueError(
             f"noise_variance={noise_variance:g} makes x of up to {peak:g} {peak / np.sqrt(noise_variance):.2g} times "

@@ -190,7 +190,7 @@ def test_an_offset_of_the_record_does_not_matter(estimator):
     assert np.abs((other.slip - one.slip)[later] / one.slip_std[later]).mean() < 0.2
 
 
-@pytest.mark.parametrize("unit", [1e-90, 1e-40, 1e40, 1e90])
+@pytest.mark.parametrize("unit", [1e-115, 1e-40, 1e40, 1e115])
 def test_the_unit_of_the_record_does_not_matter(unit):
     x, phase, *_ = drawn(np.arange(30 * PER_REV) / PER_REV, seed=2)
     one, other = (track_slipping_order(scale * x, phase_rad=phase, **SETTING) for scale in (1.0, unit))
@@ -202,10 +202,10 @@ def test_the_unit_of_the_record_does_not_matter(unit):
     assert other.false_alarm_probability == pytest.approx(one.false_alarm_probability, rel=1e-6)
 
 
-@pytest.mark.parametrize("unit", [1e-300, 1e-160, 1e-110, 1e110, 1e155, 1e300])
+@pytest.mark.parametrize("unit", [1e-300, 1e-160, 1e-122, 1e122, 1e155, 1e300])
 def test_a_unit_beyond_double_precision_is_refused(unit):
     x, phase, *_ = drawn(np.arange(10 * PER_REV) / PER_REV, seed=2)
-    with pytest.raises(ValueError, match=r"x reaches .* whose square is lost .* between 1e-100 and 1e\+100"):
+    with pytest.raises(ValueError, match=r"x reaches .* whose square is lost .* between 1e-120 and 1e\+120"):
         track_slipping_order(unit * x, phase_rad=phase, **SETTING)
 
 
