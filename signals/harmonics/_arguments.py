@@ -81,43 +81,34 @@ def check_orders(
 
 
 def check_bandwidth(
-    *,
-    bandwidth_hz: ArrayLike | None,
-    bandwidth_orders: ArrayLike | None,
-    rate_hz: float | None,
-    samples_per_rev: float | None,
-    shaft: Indices,
-    phases: tuple[Floats, ...],
+    *, shaft: Indices, phases: tuple[Floats, ...], **given: ArrayLike | None
 ) -> tuple[Floats, dict[str, Any]]:
     """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them.
 
-    In cycles per sample, (order, 1), or (order, sample) where it varies; and as the results state it, the means in
-    the given units and in cycles per sample.
+    Given are, under the names of the caller, a bandwidth in Hz, one in orders, `rate_hz` and `samples_per_rev`, two of
+    them None. Returned is the bandwidth in cycles per sample, (order, 1), or (order, sample) where it varies; and as
+    the results state it, the means in the given units and in cycles per sample.
     """
-    given = {
-        "bandwidth_hz": bandwidth_hz, "bandwidth_orders": bandwidth_orders,
-        "rate_hz": rate_hz, "samples_per_rev": samples_per_rev,
-    }  # fmt: skip
+    in_hz, in_orders, *_ = given
     names = [name for name, value in given.items() if value is not None]
-    if names == ["bandwidth_hz", "samples_per_rev"]:
+    if names == [in_hz, "samples_per_rev"]:
         raise ValueError(
-            "bandwidth_hz with samples_per_rev: a record over angle does not tell its speed; pass bandwidth_orders, "
-            "which is bandwidth_hz / shaft speed in Hz, a (1, n) array where the speed varies."
+            f"{in_hz} with samples_per_rev: a record over angle does not tell its speed; pass {in_orders}, "
+            f"which is {in_hz} / shaft speed in Hz, a (1, n) array where the speed varies."
         )
-    pairs = (("bandwidth_hz", "rate_hz"), ("bandwidth_orders", "samples_per_rev"), ("bandwidth_orders", "rate_hz"))
-    if tuple(names) not in pairs:
+    if names not in ([in_hz, "rate_hz"], [in_orders, "samples_per_rev"], [in_orders, "rate_hz"]):
         raise ValueError(
-            f"bandwidth and rate: {', '.join(names) or 'none'} given; needed bandwidth_hz with rate_hz, or "
-            "bandwidth_orders with samples_per_rev or rate_hz: pass one of these pairs and leave the others out."
+            f"bandwidth and rate: {', '.join(names) or 'none'} given; needed {in_hz} with rate_hz, or "
+            f"{in_orders} with samples_per_rev or rate_hz: pass one of these pairs and leave the others out."
         )
     bandwidth, rate = names
     per_sample = positive(given[rate], name=rate)
     width = _width(given[bandwidth], bandwidth, orders=shaft.size, samples=phases[0].size)
-    by_speed = names == ["bandwidth_orders", "rate_hz"]
+    by_speed = names == [in_orders, "rate_hz"]
     steps = [np.gradient(phase) if phase.size > 1 else np.zeros(1) for phase in phases] if by_speed else []
     cycles = width * (np.abs(np.stack(steps)) / (2 * np.pi))[shaft] if by_speed else width / per_sample
     _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
-    units = bandwidth.removeprefix("bandwidth_")
+    units = "hz" if bandwidth == in_hz else "orders"
     return cycles, {"bandwidth": width.mean(axis=1), "bandwidth_units": units, "bandwidth_cycles": cycles.mean(axis=1)}
 
 
@@ -164,15 +155,11 @@ def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate:
 
 def check_model(
     *, orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], samples: int,
-    noise_variance: object, initial_std: object, poles: int, bandwidth_hz: ArrayLike | None,
-    bandwidth_orders: ArrayLike | None, rate_hz: float | None, samples_per_rev: float | None,
+    noise_variance: object, initial_std: object, poles: int, **bandwidth: ArrayLike | None,
 ) -> tuple[HarmonicModel, tuple[str, ...], dict[str, Any], float | None]:  # fmt: skip
     """Return the model, the shafts' names, the bandwidths as results state them and R, or refuse what is wrong."""
     numbers, names, shaft, phases = check_orders(orders, phase_rad, samples=samples)
-    cycles, means = check_bandwidth(
-        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
-    )  # fmt: skip
+    cycles, means = check_bandwidth(shaft=shaft, phases=phases, **bandwidth)
     noise = None if noise_variance is None else check_noise_variance(noise_variance)
     prior = PRIOR_STD
     if initial_std is not None:

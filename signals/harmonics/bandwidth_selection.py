@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from signals._validation import checked, positive, real_array, whole
-from signals.harmonics._arguments import check_noise_variance, check_orders, check_record
-from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
+from signals._validation import checked, real_array
+from signals.harmonics._arguments import check_model, check_noise_variance, check_record
+from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
 from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together
@@ -148,8 +148,8 @@ def likely_bandwidth(
     """
     model, record, noise, rate = _checked(
         x, phase_rad, orders, poles=poles, noise_variance=noise_variance,
-        largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
-        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
+        largest_bandwidth_hz=largest_bandwidth_hz, largest_bandwidth_orders=largest_bandwidth_orders,
+        rate_hz=rate_hz, samples_per_rev=samples_per_rev,
     )  # fmt: skip
     try:
         return _most_likely(model, record, noise) * rate
@@ -168,19 +168,23 @@ def _checked(
     if np.isnan(channels).all():
         raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
     record = np.asarray(channels[0])
-    width, rate = _check_largest(**largest)
-    if width * record.size < _LEAST_SHARE * rate:
-        raise ValueError(
-            f"the largest bandwidth, {width:g}, is far below what {record.size} samples at a rate of {rate:g} can "
-            f"show, {rate / record.size:.3g}; give that or more."
-        )
-    numbers, _, shaft, phases = check_orders(orders, phase_rad, samples=record.size)
-    noise = None if noise_variance is None else _check_noise(noise_variance, numbers.size)
-    model = HarmonicModel(
-        orders=numbers, shaft=shaft, phases=phases, bandwidth=np.full((numbers.size, 1), width / rate),
-        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=PRIOR_STD,
+    model, _, means, _ = check_model(
+        orders=orders, phase_rad=phase_rad, samples=record.size, noise_variance=None, initial_std=None, poles=poles,
+        **largest,
     )  # fmt: skip
-    return model, record, noise, rate
+    if model.bandwidth.shape[1] > 1:
+        raise ValueError(
+            "largest_bandwidth_orders with rate_hz follows the speed, but one bandwidth is sought for a record; pass "
+            "largest_bandwidth_hz, or samples_per_rev for a record sampled in angle."
+        )
+    width, cycles = float(means["bandwidth"][0]), float(means["bandwidth_cycles"][0])
+    if cycles * record.size < _LEAST_SHARE:
+        raise ValueError(
+            f"the largest bandwidth, {width:g}, is far below what {record.size} samples can show, "
+            f"{width / cycles / record.size:.3g}; give that or more."
+        )
+    noise = None if noise_variance is None else _check_noise(noise_variance, model.orders.size)
+    return model, record, noise, width / cycles
 
 
 def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
@@ -242,22 +246,6 @@ def _groups(closeness: Closeness, seen: Flags, block: int) -> tuple[Indices, lis
         near |= np.eye(len(near), dtype=np.bool_)
     groups = components(near)
     return np.flatnonzero(~near.any(axis=1)), groups
-
-
-def _check_largest(**given: float | None) -> tuple[float, float]:
-    """Return the largest bandwidth and the rate, in Hz or in orders, or refuse them."""
-    names = [name for name, value in given.items() if value is not None]
-    if names not in (["largest_bandwidth_hz", "rate_hz"], ["largest_bandwidth_orders", "samples_per_rev"]):
-        raise ValueError(
-            f"largest bandwidth and rate: {', '.join(names) or 'none'} given; needed either largest_bandwidth_hz with "
-            "rate_hz or largest_bandwidth_orders with samples_per_rev: pass one whole pair and leave the other out."
-        )
-    width, rate = (positive(given[name], name=name) for name in names)
-    if width >= rate / 2:
-        raise ValueError(
-            f"{names[0]}={width:g} must be below {rate / 2:g}, half of {names[1]}={rate:g}; choose a smaller one."
-        )
-    return width, rate
 
 
 def _check_noise(value: ArrayLike, orders: int) -> Floats:

@@ -263,9 +263,13 @@ def test_silence_has_the_smallest_bandwidth():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"rate_hz": None}, r"largest_bandwidth_hz given; needed either largest_bandwidth_hz with"),
+        ({"rate_hz": None}, r"largest_bandwidth_hz given; needed largest_bandwidth_hz with rate_hz, or"),
         ({"samples_per_rev": 40}, r"largest_bandwidth_hz, rate_hz, samples_per_rev given"),
-        ({"largest_bandwidth_hz": 0.5}, r"largest_bandwidth_hz=0.5 must be below 0.5, half of rate_hz=1"),
+        ({"largest_bandwidth_hz": 0.5}, r"largest_bandwidth_hz=0.5 must be above 0 and below 0.5, half of rate_hz=1"),
+        (
+            {"largest_bandwidth_hz": None, "largest_bandwidth_orders": 0.01},
+            r"follows the speed.*pass largest_bandwidth",
+        ),
         ({"noise_variance": [1, 2, 3]}, r"noise_variance has shape \(3,\) for 2 orders"),
         ({"x": np.zeros((2, 8000))}, r"x has 2 channels; each has bandwidths of its own"),
         ({"x": np.full(8000, np.nan)}, r"x has 8000 samples, all of them missing"),
