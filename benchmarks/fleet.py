@@ -64,7 +64,7 @@ def healthy_fleet(
 
     Factors are on limits.
     """
-    prior = prior_of(found.series, layout)
+    prior = prior_of(found.series, layout, found.levels)
     until: list[list[Array]] = [[] for _ in RATES]
     highest: list[list[NDArray[np.float32]]] = [[] for _ in RATES]
     for start in range(0, machines, CHUNK):
@@ -170,7 +170,7 @@ def detected(
     grown = np.geomspace(sizes[0], sizes[-1], WATCHED - ONSET)
     fleet = resampled.machines(machines, baseline + WATCHED, np.random.default_rng(6))
     fleet.series[:, baseline + ONSET :] += added(course, grown)
-    (seen,) = watch(fleet, baseline, RATES[1:], layout, prior_of(found.series, layout))
+    (seen,) = watch(fleet, baseline, RATES[1:], layout, prior_of(found.series, layout, found.levels))
     raised = (two_of_three(seen.index) >= factor).any(axis=2)
     if np.any(layout.sizes > 1):
         raised[:, ONSET:] |= _by_verdicts(found, name, grown, machines)
@@ -288,9 +288,10 @@ faults with `--machines 1000`, forecasts with `--forecasts 300`, cost with `--ru
 
 **Fleets** are resampled from analyses of one gearbox: each series of indicators is the sum of its mean, its slopes on
 gain, noise, temperature and load, which are correlated as in `data_synth.scene.machine_history` (over 5 and 50 records,
-with a season of 365), and a residual drawn jointly for all series. A slope due only to the error of its fit would add
-drift that is not there, so slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995).
-Temperature and load are measured where a table says so, with an error of a tenth of their standard deviations.
+with a season of 365), and a residual drawn jointly for all series. Slopes and residuals are about the mean of each
+machine analysed. A slope due only to the error of its fit would add drift that is not there, so slopes are shrunk by
+twice their standard errors (nonnegative garrote; Breiman 1995). Temperature and load are measured where a table says
+so, with an error of a tenth of their standard deviations.
 
 **The prior** (`hums/fleet/prior.json`) contains standard deviations of indicators, and the limits at which healthy
 machines with baselines of 2 to 1,000 records raise the stated number of alarms, for bearing evidence and for all other

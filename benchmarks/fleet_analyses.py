@@ -85,15 +85,13 @@ SIZES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Analyses:
-    """Logarithms of the indicators of all records (records, series), their classes, machines, severities and states."""
+    """Logarithms of the indicators of all records (records, series), their levels in health, classes and severities."""
 
     series: tuple[Series, ...]
     values: Array
+    levels: Array
     kinds: NDArray[np.str_]
-    machine: NDArray[np.int64]
     severity_mm: Array
-    speed_hz: Array
-    states: Array
     diagnosed: NDArray[np.bool_]
 
 
@@ -111,11 +109,9 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     return Analyses(
         series=tuple(key for key, keep in zip(every, kept, strict=True) if keep),
         values=values[:, kept],
+        levels=np.nanmedian(values[classes == "healthy"][:, kept], axis=0),
         kinds=classes,
-        machine=np.arange(records) % MACHINES,  # records take turns
         severity_mm=labels["severity_mm"].to_numpy().astype(np.float64),
-        speed_hz=np.array([row["speed_hz"] for row in rows]),
-        states=_states(labels),
         diagnosed=np.array([_diagnosed(row, kind) for row, kind in zip(rows, kinds, strict=True)]),
     )
 
@@ -126,7 +122,7 @@ def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resamp
     return Resampled(
         healthy=np.array([vector(series_of(row), series) for row in rows]),
         states=_states(labels),
-        machine=np.arange(UNSEEN_RECORDS) % UNSEEN_MACHINES,
+        machine=np.arange(UNSEEN_RECORDS) % UNSEEN_MACHINES,  # records take turns
     )
 
 
@@ -196,7 +192,8 @@ class Resampled:
     """Series of long fleets from a few hundred analyses.
 
     A series is its mean, its slopes on the states that carry over (fitted to the healthy analyses), and a residual
-    drawn from them: all series of a record together, so that they depend on each other as they do there. Residuals of
+    drawn from them: all series of a record together, so that they depend on each other as they do there. Slopes and
+    residuals are about the means of the machines analysed, since each machine has its own baseline. Residuals of
     machines are scaled by a factor of their own, log-normal with a deviation of 20 %.
 
     A slope that is the error of its fit alone would make every machine drift where none does. Slopes b of standard
@@ -208,24 +205,26 @@ class Resampled:
     states: Array
     machine: NDArray[np.int64]
 
-    @cached_property
-    def _design(self) -> Array:
-        return np.column_stack([np.ones(len(self.states)), self.standard])
+    def _within(self, values: Array) -> Array:
+        """Return values (records, ...) about the means of their machines."""
+        means = [np.nanmean(values[self.machine == one], axis=0) for one in range(self.machine.max() + 1)]
+        return np.asarray(values - np.array(means)[self.machine])
 
     @cached_property
     def slopes(self) -> tuple[Array, Array]:
         """Slopes (states, series) as they are fitted, and their standard errors."""
         filled = np.where(np.isfinite(self.healthy), self.healthy, np.nanmedian(self.healthy, axis=0))
-        found, *_ = np.linalg.lstsq(self._design, filled, rcond=None)
-        freedom = len(filled) - self._design.shape[1]
-        std = np.sqrt(((filled - self._design @ found) ** 2).sum(axis=0) / freedom)
-        return found[1:], np.sqrt(np.diag(np.linalg.inv(self._design.T @ self._design)))[1:, None] * std
+        design, values = self._within(self.standard), self._within(filled)
+        found, *_ = np.linalg.lstsq(design, values, rcond=None)
+        freedom = len(filled) - len(np.unique(self.machine)) - len(found)
+        std = np.sqrt(((values - design @ found) ** 2).sum(axis=0) / freedom)
+        return found, np.sqrt(np.diag(np.linalg.inv(design.T @ design)))[:, None] * std
 
     @cached_property
     def _fit(self) -> tuple[Array, Array]:
         slopes = garrote(*self.slopes)
-        left = self.healthy - self.standard @ slopes
-        return slopes, left - np.nanmean(left, axis=0)
+        left = self._within(self.healthy - self.standard @ slopes)
+        return slopes, left / np.sqrt(1 - 1 / np.bincount(self.machine)[self.machine, None])
 
     def still(self) -> "Resampled":
         """Return the same without what carries over."""

@@ -33,7 +33,9 @@ def start_browser(profile):
     ):
         options.add_argument(f"--{argument}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    return webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    driver.get("about:blank")  # the browser's own first page would go on loading on a busy machine
+    return driver
 
 
 def show(driver, page, *, width=1280, height=900, dark=False):

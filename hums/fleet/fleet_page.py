@@ -88,6 +88,7 @@ def _machine(
     record = history.records[-1]["record"] if history.records else ""
     reported = next((alarm["record"] for alarm in reversed(history.alarms) if alarm["state"] == RAISED), record)
     channel, driver, _ = last.growth[component] if last and component else ("", "", 0.0)
+    epoch = state.epochs[state.epoch_of(component.partition(": ")[0])]
     report = folder / "reports" / file_name(f"{state.machine} {Path(reported).stem}") / "report.html"
     command = ["hums", "analyze", reported, "--gearbox", gearbox, "-o", str(report.parent)]
     return {
@@ -101,6 +102,7 @@ def _machine(
         "channel": channel,
         "driver": driver.replace("_", " "),
         "course": _small_course(history),
+        "alarm_from": epoch.alarm_from(component) if epoch.identity else math.nan,
         "pending": max((len(epoch.pending) for epoch in state.baselines), default=0),
         "last": found[record].observation.when if record in found else record,
         "reported": reported,

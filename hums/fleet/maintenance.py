@@ -2,7 +2,7 @@
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from hums.fleet.alarms import ACKNOWLEDGED
@@ -84,13 +84,8 @@ def read_maintenance(path: str | Path) -> tuple[Work, ...]:
             raise MaintenanceError(
                 f"{path}: column {missing[0]!r} is missing; a maintenance file has {', '.join(_COLUMNS)}."
             )
-        work = Work(
-            date=row["date"].strip(),
-            component=row["component"].strip(),
-            machine=(row.get("machine") or "").strip(),
-            serial=(row.get("serial") or "").strip(),
-            action=(row.get("action") or REPLACED).strip(),
-        )
+        given = {one.name: (row.get(one.name) or "").strip() for one in fields(Work)}
+        work = Work(**given | {"action": given["action"] or REPLACED})
         if math.isnan(seconds_since_1970(work.date)):
             raise MaintenanceError(f"{path}, line {number}: date {work.date!r} is not an ISO 8601 time, as 2026-03-01.")
         if work.action not in (REPLACED, ACKNOWLEDGED):

@@ -31,7 +31,7 @@ from hums.fleet.series import (
     vector,
 )
 from signals.monitoring.charts import Charts, ChartState
-from signals.monitoring.health import Normal, Reading, learn_machine, regime
+from signals.monitoring.health import Normal, Reading, fused_scores, learn_machine, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
 
 Array = NDArray[np.float64]
@@ -92,9 +92,8 @@ class Epoch:
         scores = (*self.names, *(f"sensor {channel}: {what}" for what in (RISES, FALLS) for channel in self.channels))
         self.watched = {name: tuple(n for n, one in enumerate(scores) if one == name) for name in dict.fromkeys(scores)}
         times_s = np.array([seconds_since_1970(one.recorded_at) for one in seen])
-        self.normal, own, independent = learn_machine(
-            values[:, kept], _logarithms(at), times_s, layout, prior_of(self.series, layout)
-        )
+        prior = prior_of(self.series, layout, np.nanmedian(values[:, kept], axis=0))
+        self.normal, own, independent = learn_machine(values[:, kept], _logarithms(at), times_s, layout, prior)
         self.limits = machine_limits(
             limit_table(),
             independent,
@@ -124,6 +123,13 @@ class Epoch:
         """Return a record relative to the baseline."""
         at = np.array([seen.covariates[name] for name in self.covariates])
         return self.learned[0].read(vector(seen.values, self.series), _logarithms(at), recent)
+
+    def alarm_from(self, component: str) -> float:
+        """Return the rise of all indicators of one kind of a component, times normal, that two records alarm at."""
+        (normal, limits), places = self.learned, [n for n, name in enumerate(self.names) if name == component]
+        rise = fused_scores(1 / normal.series.scale, normal.layout.kinds)
+        limit = limits.limits[0, : rise.size] * self.headroom[: rise.size] * normal.score_scale + normal.score_center
+        return math.exp(np.nanmin((limit / rise)[places])) if places else math.nan
 
     def verdict_words(self, component: str) -> str:
         """Return the first driver of an alarm by a verdict: a component damaged in the baseline has wide limits."""
@@ -277,11 +283,9 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     shown = _of_sensors(state, seen) | _of_verdicts(state, stratum or state.epochs, seen, readings)
     if not readings:
         alarms = _raised(state, seen, shown)
-        return (
-            _refused(state, seen, outside, alarms)
-            if outside
-            else Judgement(judged=False, why="learning", alarms=alarms)
-        )
+        if outside:
+            return _refused(state, seen, outside, alarms)
+        return Judgement(judged=False, why="learning", alarms=alarms)
     state.judged += 1
     state.regime, state.unwatched_since = seen.regime, ""
     found = Judgement(judged=True)

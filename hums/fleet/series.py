@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -21,6 +21,7 @@ WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
 _EVIDENCE = "modulation"  # strength of a bearing part's lines, of records in which nothing is significant as well
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
+_WEAK = 2.0  # ratio to the background below which a line is as uncertain as noise
 LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
 INDICATOR = ("channel", "component", "kind", "indicator", "units")
 CONDITION = ("component", "kind")
@@ -288,12 +289,23 @@ def _stored_prior() -> dict[str, Any]:
     return learned
 
 
-def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
-    """Return the usual deviations of some series; for one that no machine of the prior had, the typical one."""
+def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float64]) -> Prior:
+    """Return the usual deviations of some series; for one that no machine of the prior had, the typical one.
+
+    That of the level of a line falls with its ratio to the background, to that of a line without noise. `levels`
+    (series,) are the series in the baseline, of which the ratios are taken.
+    """
     learned = _stored_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
-    known = learned["log_std"]
-    usual = [known.get(key.indicator, float(np.median(list(known.values())))) for key in series]
+    known, strong = learned["log_std"], learned["strong_line_std"]
+    ratios = {key: math.exp(level) for key, level in zip(series, levels.tolist(), strict=True) if math.isfinite(level)}
+    usual = []
+    for key in series:
+        variance = known.get(key.indicator, float(np.median(list(known.values())))) ** 2
+        least = min(variance, strong.get(key.indicator, math.inf) ** 2)
+        spectrum = key.indicator.partition(" ")[0]
+        ratio = ratios.get(replace(key, indicator=f"{spectrum} {LINE_RATIO}", unit="1"), 1.0)
+        usual.append(math.sqrt(least + min(1.0, (_WEAK / ratio) ** 2) * (variance - least)))
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
 
 

@@ -148,6 +148,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "indicator": indicator,
             "departure": departure,
             "times_normal": last.ratio.get(name, math.nan),
+            "alarm_from_times_normal": epoch.alarm_from(name) if epoch.identity else math.nan,
             "growth_per_day": history.growth_per_day(name),
             "false_alarms_a_year": history.false_alarms_a_year,
             "judged": state.judged,

@@ -239,7 +239,7 @@ class TestBaseline:
         ]
         apart, close = (followed(seen)[0].epochs[0] for seen in (HEALTHY, near))
         # 20 records a day apart weigh 18 (a mean and a slope are theirs), and the usual deviation 10
-        usual = prior_of(apart.series, apart.normal.layout).series[0]
+        usual = prior_of(apart.series, apart.normal.layout, apart.normal.raw.center).series[0]
         for epoch, weights in ((apart, (15, 18)), (close, (1, 9))):
             high, low = (np.sqrt((weight * 0.1**2 + 10 * usual**2) / (weight + 10)) for weight in weights)
             assert 0.95 * low < np.median(epoch.normal.series.scale) < 1.05 * high
@@ -257,6 +257,26 @@ class TestBaseline:
             seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=values))
         _, found = followed(seen, settings=MonitorSettings(baseline_records=7))
         assert [alarm["component"] for alarm in alarms(found)] == ["record"]
+
+    @pytest.mark.parametrize(("ratio", "rise", "alarmed"), [(100.0, 2.2, True), (1.4, 2.2, False), (100.0, 1.2, False)])
+    def test_a_strong_line_that_doubles_after_five_records_alarms(self, ratio, rise, alarmed):
+        # of 26 components; noise scatters a line by 1 / (ratio sqrt(2)), the load by 5 %
+        rng, seen = np.random.default_rng(3), []
+        keys = {"channel": "a", "kind": "gear_mesh"}
+        for number in range(14):
+            values = {}
+            for n in range(26):
+                level = 0.05 * rng.standard_normal() + rng.standard_normal() / ratio / np.sqrt(2)
+                level += np.log(rise) if n == 0 and number >= 8 else 0.0
+                of = keys | {"component": f"stage {n}"}
+                values[Series(indicator="order_spectrum line_level", unit="g", **of)] = level
+                over = np.log(ratio) + level + 0.05 * rng.standard_normal()
+                values[Series(indicator="order_spectrum line_over_background", unit="1", **of)] = over
+            when = (FIRST + timedelta(days=number)).isoformat()
+            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=values))
+        state, found = followed(seen, settings=MonitorSettings(baseline_records=5))
+        assert [alarm["component"] for alarm in alarms(found)] == (["stage 0"] if alarmed else [])
+        assert (state.epochs[0].alarm_from("stage 0") < rise) == alarmed
 
     def test_refusals(self):
         with pytest.raises(MonitorError, match="a deviation needs at least 2 records"):
