@@ -49,10 +49,8 @@ def write_page(
         Path or name of the gearbox, for the command that writes such a report.
     """
     found = {one.record: one for one in records}
-    machines = [
-        _machine(history, found, number, path.parent, gearbox)
-        for number, history in enumerate(sorted(histories, key=_rank))
-    ]
+    ranked = sorted(histories, key=lambda one: (_state(one) != RAISED, -_worst(one)[1], one.state.machine))
+    machines = [_machine(one, found, number, path.parent, gearbox) for number, one in enumerate(ranked)]
     environment = page_environment()
     environment.filters["short"] = _short
     body, style, script = (
@@ -60,11 +58,6 @@ def write_page(
     )
     body = environment.from_string(body).render(machines=machines, records=len(records), most=_DRAWN)
     write_text(path, stand_alone_page(title="Fleet", body=body, style=style, script=script))
-
-
-def _rank(history: MachineHistory) -> tuple[bool, float, str]:
-    """Return the sort key of a machine: standing alarms first, then by the largest condition index."""
-    return _state(history) != RAISED, -_worst(history)[1], history.state.machine
 
 
 def _worst(history: MachineHistory) -> tuple[str, float]:
@@ -103,7 +96,6 @@ def _machine(
         "driver": driver.replace("_", " "),
         "course": _small_course(history),
         "alarm_from": epoch.alarm_from(component) if epoch.identity else math.nan,
-        "pending": max((len(epoch.pending) for epoch in state.baselines), default=0),
         "last": found[record].observation.when if record in found else record,
         "reported": reported,
         "report": quote(report.relative_to(folder).as_posix()) if report.is_file() else "",

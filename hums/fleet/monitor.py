@@ -373,9 +373,7 @@ def _of_sensors(state: MachineState, seen: Observation) -> dict[str, _Shown]:
     sensors = {name[len("sensor ") : -len(_HEALTH)] for name in state.alarms if name.endswith(_HEALTH)}
     return {
         f"sensor {sensor}{_HEALTH}": _Shown(
-            value=float(sensor in seen.faulty),
-            drivers=[(sensor, f"health: {seen.faulty.get(sensor, '')}")],
-            severity="sensor",
+            float(sensor in seen.faulty), [(sensor, f"health: {seen.faulty.get(sensor, '')}")], "sensor"
         )
         for sensor in sorted(sensors | set(seen.faulty))
     }
@@ -540,16 +538,12 @@ def _of(name: str, component: str) -> bool:
 
 
 def _acknowledge(state: MachineState, component: str) -> None:
+    """Acknowledge alarms, and restart their charts, so that only later records decide whether they clear."""
     for name, alarm in state.alarms.items():
         if _of(name, component) and alarm.acknowledge():
-            _restart_charts(state, name)
-
-
-def _restart_charts(state: MachineState, name: str) -> None:
-    """Restart the charts of an acknowledged alarm, so that only later records decide whether it clears."""
-    for epoch in (stratum[state.epoch_of(name.partition(": ")[0])] for stratum in state.strata.values()):
-        for place in epoch.watched.get(name, ()):
-            epoch.charts = epoch.learned[1].charts.restart(epoch.charts, place)
+            for epoch in (stratum[state.epoch_of(name.partition(": ")[0])] for stratum in state.strata.values()):
+                for place in epoch.watched.get(name, ()):
+                    epoch.charts = epoch.learned[1].charts.restart(epoch.charts, place)
 
 
 def _replace(state: MachineState, component: str) -> None:

@@ -241,21 +241,14 @@ def watched_component(key: Series) -> str:
     return key.component
 
 
-def _damage(key: Series) -> str:
-    """Return the kind of damage with which a series is scored: its own, or tooth for indicators of a single tooth.
-
-    A spall on one tooth raises the tooth outlier and no other indicator of the gear, among which it would be diluted;
-    the verdict derived from it is also that of the tooth.
-    """
-    return "tooth" if key.indicator == "tooth_outlier" else key.kind
-
-
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
     """Return the component of each score, the channels with a level, and the series of each score, by kind.
 
-    Each component has a score of all its series. A bearing also has one for each race, rolling element and cage, of the
-    modulation on which verdicts are based. Modulation is independent of the level, which changes with load and noise,
-    so its limits are lower, and weak evidence accumulates over records.
+    Each component has a score of all its series, by kind of damage. A spall on one tooth raises the tooth outlier and
+    no other indicator of the gear, among which it would be diluted; it is scored with the lines of the teeth. A bearing
+    also has one for each race, rolling element and cage, of the modulation on which verdicts are based. Modulation is
+    independent of the level, which changes with load and noise, so its limits are lower, and weak evidence accumulates
+    over records.
     """
     components = tuple(sorted({watched_component(key) for key in series}))
     powers = np.array([key.power for key in series], dtype=np.float64)
@@ -266,7 +259,8 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
     channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
     kinds: dict[tuple[str, str], list[int]] = {}
     for number, key in enumerate(series):
-        kinds.setdefault((watched_component(key), _damage(key)), []).append(number)
+        damage = "tooth" if key.indicator == "tooth_outlier" else key.kind
+        kinds.setdefault((watched_component(key), damage), []).append(number)
     names, groups, scores = [], [], []
     for name in components:
         of_kinds = [np.array(those, dtype=np.int64) for (of, _), those in sorted(kinds.items()) if of == name]
@@ -292,21 +286,25 @@ def _stored_prior() -> dict[str, Any]:
 def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float64]) -> Prior:
     """Return the usual deviations of some series; for one that no machine of the prior had, the typical one.
 
-    That of the level of a line falls with its ratio to the background, to that of a line without noise. `levels`
-    (series,) are the series in the baseline, of which the ratios are taken.
+    That of the level of a line falls with its ratio to the background, to that of a line without noise. Temperature and
+    load move lines more slowly than a short baseline lasts, so theirs is the least one, too. `levels` (series,) are the
+    series in the baseline, of which the ratios are taken.
     """
     learned = _stored_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
-    known, strong = learned["log_std"], learned["strong_line_std"]
-    ratios = {key: math.exp(level) for key, level in zip(series, levels.tolist(), strict=True) if math.isfinite(level)}
-    usual = []
-    for key in series:
-        variance = known.get(key.indicator, float(np.median(list(known.values())))) ** 2
-        least = min(variance, strong.get(key.indicator, math.inf) ** 2)
-        spectrum = key.indicator.partition(" ")[0]
-        ratio = ratios.get(replace(key, indicator=f"{spectrum} {LINE_RATIO}", unit="1"), 1.0)
-        usual.append(math.sqrt(least + min(1.0, (_WEAK / ratio) ** 2) * (variance - least)))
-    return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
+    known, strong, over = (
+        learned["log_std"],
+        learned["strong_line_std"],
+        dict(zip(series, levels.tolist(), strict=True)),
+    )
+    usual = np.array([known.get(key.indicator, float(np.median(list(known.values())))) for key in series])
+    lines = np.array([key.indicator in strong for key in series])
+    for n in np.flatnonzero(lines).tolist():
+        ratio = over.get(replace(series[n], indicator=f"order_spectrum {LINE_RATIO}", unit="1"), 0.0)
+        noise, least = min(1.0, _WEAK * math.exp(-ratio)), strong[series[n].indicator]
+        usual[n] = math.hypot(least, noise * math.sqrt(usual[n] ** 2 - least**2))
+    least = np.where(lines, usual, 0.0)
+    return Prior(series=usual, least=least, score=score, level=learned["level_std"], dof=learned["dof"])
 
 
 @lru_cache(maxsize=1)

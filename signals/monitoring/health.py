@@ -123,14 +123,15 @@ class Layout:
 class Prior:
     """Typical standard deviations over machines, and their weight as a number of records.
 
-    ``series`` has one for each series, NaN if unknown; ``score`` is that of each fused score, ``level`` of a channel's
-    level, in the unit of the series.
+    ``series`` has one for each series, NaN if unknown, and ``least`` the least one; ``score`` is that of each fused
+    score, ``level`` of a channel's level, in the unit of the series.
     """
 
     series: Array
     score: Array | float
     level: float
     dof: float
+    least: Array | float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,11 +220,11 @@ def learn_normal(
     if records < 2:  # noqa: PLR2004
         raise ValueError(f"a baseline of {records} records has no spread; give at least 2.")
     learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
-    raw = learned(values, covariates, prior_scale=prior.series)
+    raw = learned(values, covariates, prior_scale=prior.series, least_scale=prior.least)
     away = _each(lambda seen, at: raw.standardised(seen, at) * raw.scale, values, covariates)
     level, *quantiles = _levels(away, layout)
     corrected = _without(values, level, layout)
-    series = learned(corrected, covariates, prior_scale=prior.series)
+    series = learned(corrected, covariates, prior_scale=prior.series, least_scale=prior.least)
     new = out_of_sample(records, _each(series.leverage, covariates, axis=-1))
     departures = _each(series.standardised, corrected, covariates) * new[..., None]
     fused = fused_scores(departures, layout.kinds)

@@ -20,23 +20,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _HUBER = 1.5
+_CONSISTENT = 0.7784652**-0.5  # mean of min(|x|, 1.5)^2 of a standard normal variable
 _MAD = 1.4826  # of a normal distribution: 1 / the quantile at 3/4
 _STEPS = 12  # of reweighting; it converges by a factor of three or more a step
 _FEWEST_PER_COVARIATE = 10  # records; below, a slope's error would add more than it removes
+_DRIFT_RECORDS = 50  # of the slower drift of healthy machines (docs/benchmarks/fleet.md)
 _ANY = 1e4  # deviations of a series over the range of a covariate: no prior
 _CERTAIN = 2.0
 """Ratio of the mean squared slope to its squared error above which a covariate has slopes. Series are correlated: with
 ten independent ones without slopes, 3 % of the machines exceed it (our choice)."""
-
-
-def _winsorised_variance(k: float) -> float:
-    """Return the mean of min(|x|, k)^2 of a standard normal variable."""
-    density = math.exp(-k * k / 2) / math.sqrt(2 * math.pi)
-    inside = math.erf(k / math.sqrt(2))
-    return inside - 2 * k * density + k * k * (1 - inside)
-
-
-_CONSISTENT = 1 / math.sqrt(_winsorised_variance(_HUBER))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +76,7 @@ def learn_baseline(
     *,
     prior_scale: Array | float = math.nan,
     prior_dof: float = 0.0,
+    least_scale: Array | float = 0.0,
     independent: Array | float = 1.0,
 ) -> SeriesBaseline:
     """Learn the baseline of series from records.
@@ -100,6 +93,9 @@ def learn_baseline(
     prior_dof : float
         Weight of the typical one, as a number of records: variances are averaged as in a scaled inverse chi-squared
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
+    least_scale : array or float
+        Least standard deviation of each series, of what changes more slowly than a baseline lasts. Its variance falls
+        with the number of records above 50, over which healthy machines drift.
     independent : float or (..., 1) array
         Ratio of the effective number of independent records to their number, which weights a deviation against the
         typical one.
@@ -129,6 +125,7 @@ def learn_baseline(
     own, weight = independent * np.maximum(dof - regressors[..., None], 0), np.where(np.isfinite(usual), prior_dof, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         pooled = np.sqrt((np.nan_to_num(own * scale**2) + np.nan_to_num(weight * usual**2)) / (own + weight))
+    pooled = np.maximum(pooled, least_scale * math.sqrt(min(1.0, _DRIFT_RECORDS / records)))
     watched = (2 * (dof + 1) >= max(2, records)) & (pooled > 0)
     return SeriesBaseline(
         center=np.where(watched, center, np.nan),
