@@ -43,18 +43,6 @@ def check_record(x: ArrayLike, *, smallest: float = 0.0) -> Floats:
     return values
 
 
-def check_noise_variance(value: object) -> float:
-    noise = number(value, name="noise_variance")
-    if noise <= 0:
-        raise ValueError(f"noise_variance={value!r} must be above zero; give a positive number.")
-    if not SMALLEST**2 < noise < LARGEST**2:
-        raise ValueError(
-            f"noise_variance={noise:g} must lie between {SMALLEST**2:g} and {LARGEST**2:g}, where doubles keep its "
-            "digits; scale the record to another unit."
-        )
-    return noise
-
-
 def check_orders(
     orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], *, samples: int
 ) -> tuple[Floats, tuple[str, ...], Indices, tuple[Floats, ...]]:
@@ -73,7 +61,9 @@ def check_orders(
     else:
         pairs = [("", _order(item)) for item in orders]
         angles = {"": check_phase("phase_rad", phase_rad, samples)}
-    _check_below_half_rate(pairs, angles)
+    for name, phase in angles.items():
+        highest = max(order for shaft, order in pairs if shaft == name)
+        check_below_half_rate(f"order {highest:g}{f' of {name!r}' if name else ''}", highest, phase)
     names = tuple(name for name, _ in pairs) if isinstance(phase_rad, Mapping) else ()
     place = {name: number for number, name in enumerate(angles)}
     shaft = np.array([place[name] for name, _ in pairs])
@@ -160,7 +150,7 @@ def check_model(
     """Return the model, the shafts' names, the bandwidths as results state them and R, or refuse what is wrong."""
     numbers, names, shaft, phases = check_orders(orders, phase_rad, samples=samples)
     cycles, means = check_bandwidth(shaft=shaft, phases=phases, **bandwidth)
-    noise = None if noise_variance is None else check_noise_variance(noise_variance)
+    noise = None if noise_variance is None else positive(noise_variance, name="noise_variance")
     prior = PRIOR_STD
     if initial_std is not None:
         std = positive(initial_std, name="initial_std")
@@ -236,14 +226,13 @@ def _shaft_and_order(item: object, phases: Mapping[str, ArrayLike]) -> tuple[str
     return item[0], _order(item[1])
 
 
-def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, Floats]) -> None:
-    for shaft, phase in phases.items():
-        order = max(own for name, own in pairs if name == shaft)
-        parts = (phase[first : first + SAMPLES_AT_ONCE + 1] for first in range(0, phase.size - 1, SAMPLES_AT_ONCE))
-        turn = order * max((float(np.abs(np.diff(part)).max()) for part in parts), default=0.0)
-        if turn > MOST_TURN:
-            at = int(np.abs(np.diff(phase)).argmax())
-            raise ValueError(
-                f"order {order:g}{f' of {shaft!r}' if shaft else ''} turns by {turn:.4g} rad between samples {at} and "
-                f"{at + 1}; more than pi is above half of the rate: drop it, raise the rate, or mend the phase there."
-            )
+def check_below_half_rate(name: str, order: float, phase: Floats) -> None:
+    """Refuse an order, called `name` in the message, that turns by more than pi between two samples."""
+    parts = (phase[first : first + SAMPLES_AT_ONCE + 1] for first in range(0, phase.size - 1, SAMPLES_AT_ONCE))
+    turn = order * max((float(np.abs(np.diff(part)).max()) for part in parts), default=0.0)
+    if turn > MOST_TURN:
+        at = int(np.abs(np.diff(phase)).argmax())
+        raise ValueError(
+            f"{name} turns by {turn:.4g} rad between samples {at} and {at + 1}; more than pi is above half of the "
+            "rate: drop it, raise the rate, or mend the phase there."
+        )

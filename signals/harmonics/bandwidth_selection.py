@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from signals._validation import checked, real_array
-from signals.harmonics._arguments import check_model, check_noise_variance, check_record
+from signals._validation import checked, positive, real_array
+from signals.harmonics._arguments import check_model, check_record
 from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
@@ -254,4 +254,4 @@ def _check_noise(value: ArrayLike, orders: int) -> Floats:
         raise ValueError(
             f"noise_variance has shape {noise.shape} for {orders} orders; pass one number for all, or one each."
         )
-    return np.array([check_noise_variance(item) for item in np.broadcast_to(noise, orders).tolist()])
+    return np.array([positive(item, name="noise_variance") for item in np.broadcast_to(noise, orders).tolist()])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from signals._validation import checked
+from signals._validation import checked, positive
 from signals.harmonics import _arguments
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def harmonic_model(
     """
     phases_of = phase_rad.values() if isinstance(phase_rad, Mapping) else [phase_rad]
     samples = min((np.shape(each)[0] for each in phases_of if np.ndim(each)), default=0)
-    noise = _arguments.check_noise_variance(noise_variance)
+    noise = positive(noise_variance, name="noise_variance")
     model, *_ = _arguments.check_model(
         orders=orders, phase_rad=phase_rad, samples=samples, noise_variance=noise, initial_std=initial_std,
         poles=poles, bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,

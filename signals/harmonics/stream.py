@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import choice, whole
+from signals._validation import choice, positive, whole
 from signals.harmonics import _arguments
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.separability import Closeness
@@ -87,7 +87,7 @@ class OrderTracker:
         method: Method = "exact",
         output_every: int = 1,
     ) -> None:
-        self._noise = _arguments.check_noise_variance(noise_variance)
+        self._noise = positive(noise_variance, name="noise_variance")
         if bandwidth_orders is not None and rate_hz is not None and bandwidth_hz is None:
             raise ValueError(
                 "bandwidth_orders with rate_hz: the speed of samples to come is not known; pass bandwidth_hz, or "

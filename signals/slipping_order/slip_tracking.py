@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from signals._validation import checked, choice, positive, real_vector, whole
-from signals.harmonics._arguments import SMALLEST, check_bandwidth, check_phase, check_record
+from signals.harmonics._arguments import SMALLEST, check_bandwidth, check_below_half_rate, check_phase, check_record
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
 from signals.slipping_order.slip_detection import Line, SlipRecord, search
@@ -305,15 +305,8 @@ def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_varia
             f"phase_rad turns by {record.turning[-1]:g} rad in all, order {line.top:g} by {turns:g} turns: "
             "the shaft has turned too little to tell a slip; take a longer record, or give the angle in rad."
         )
-    step = np.diff(record.turning)
-    at = int(step.argmax())
-    fastest = line.top * (1 + line.largest_slip) * step[at]
-    if fastest > np.pi:
-        raise ValueError(
-            f"order {line.top:g} with a slip of {line.largest_slip:g} turns by {fastest:.4g} rad between samples "
-            f"{at} and {at + 1}; more than pi is above half of the rate: take fewer harmonics, raise the rate, or "
-            "mend the phase there."
-        )
+    fastest = line.top * (1 + line.largest_slip)
+    check_below_half_rate(f"order {line.top:g} with a slip of {line.largest_slip:g}", fastest, record.phase)
     return record
 
 

@@ -27,7 +27,7 @@ REFUSED = [
         {"x": [X, 1e-160 * X]},
         r"x\[1\] reaches 1e-160, whose square is lost",
     ),
-    ({"noise_variance": 1e-300}, "noise_variance=1e-300 must lie between 1e-240 and 1e.240.*scale the record"),
+    ({"noise_variance": 1e-300}, "noise_variance=1e-300 must lie between 1e-250 and 1e.250; give it in another unit"),
     ({"noise_variance": 1.0, "initial_std": 1e200}, r"initial_std=1e\+200 is 1e\+200 standard deviations of the noise"),
     ({"noise_variance": 1e200, "initial_std": 1e-50}, "initial_std=1e-50 is 1e-150 standard deviations of the noise"),
     (
