@@ -132,7 +132,10 @@ class BlockFit:
     def estimate(self, residuals: Innovations, *, output_every: int, error_bound: float) -> Estimate:
         """Return the estimate at the outputs, with the statistics of `residuals`."""
         amplitude, variance = at_outputs(self.smoothed.levels, self.grid, every=output_every), self.smoothed.variances
-        return residuals.estimate(amplitude, variance, std_spacing=self.grid.length, error_bound=error_bound)
+        return Estimate(
+            amplitude=amplitude, variance=variance, innovations=residuals, std_spacing=self.grid.length,
+            error_bound=error_bound,
+        )  # fmt: skip
 
     def residuals(self, startup: int) -> Innovations:
         """Return statistics of the residuals in segments of the record from sample `startup` on.

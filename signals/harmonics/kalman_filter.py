@@ -11,14 +11,14 @@ a random walk in noise of variance 2R (R for the mean), which `Bandwidth.filter_
 complex amplitude has twice these gains, since the real record holds half of a rotating phasor.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, log, sqrt
 
 import numpy as np
 
 from signals.harmonics._filter_kernels import PIECE, filter_covariance, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.state_space import Complexes, Estimate, Floats, HarmonicModel, Innovations, lost
+from signals.harmonics.state_space import Estimate, Floats, HarmonicModel, Innovations, lost
 
 # Samples filtered at a time.
 SAMPLES_AT_ONCE = 1 << 14
@@ -44,6 +44,7 @@ class FilterState:
     mean: Floats
     covariance: Floats  # (state, state), P
     factor: Floats  # (state, state), V
+    innovations: Innovations  # after start-up
     diffuse: bool  # whether V is not zero
     count: int = 0  # samples so far
     observed: int = 0  # of them, those after the last missing one
@@ -56,7 +57,8 @@ class FilterState:
             raise lost(model, "exact")
         size = variance.size
         factor = np.diag(np.sqrt(variance.ravel()))
-        return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True)
+        innovations = Innovations(np.zeros(channels))
+        return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, innovations, diffuse=True)
 
     def check(self, model: HarmonicModel) -> None:
         """Make P symmetric, and move the covariance between P and V where it is small or large, or raise where lost."""
@@ -100,10 +102,9 @@ def causal_filter(
     The innovations count from sample `startup` on. Given their `Estimate.error_bound`, gains are those of the steady
     state once it is reached.
     """
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations(np.zeros(len(x)))
-    gains = None if steady_error is None else SteadyGains.of(model)
-    found = filter_on(model, x, state, innovations, output_every=output_every, startup=startup, steady=gains)
-    return innovations.estimate(*found, error_bound=steady_error or 0.0, std_spacing=output_every)
+    state, gains = FilterState.prior(model, channels=len(x)), None if steady_error is None else SteadyGains.of(model)
+    found = filter_on(model, x, state, output_every=output_every, startup=startup, steady=gains)
+    return replace(found, error_bound=steady_error or 0.0, std_spacing=output_every)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,14 +130,13 @@ class SteadyGains:
 
 
 def filter_on(
-    model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, *, output_every: int, startup: int,
+    model: HarmonicModel, x: Floats, state: FilterState, *, output_every: int, startup: int,
     steady: SteadyGains | None = None,
-) -> tuple[Complexes, Floats]:  # fmt: skip
+) -> Estimate:  # fmt: skip
     """Continue the filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    Updates the state and the sums of innovations; returns (channel, order, output) amplitudes and (order, output)
-    variances, means over the quadratures, but of the steady state at the end only the first. Outputs and `startup` are
-    counted from the first sample of the record.
+    Updates the state; of the variances in the steady state at the end only the first is
+    returned. Outputs and `startup` are counted from the first sample of the record.
     Given steady-state gains, they take over from the covariance filter once it has settled, until a sample is missing.
     Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
     longer positive definite, FloatingPointError is raised.
@@ -177,7 +177,7 @@ def filter_on(
             known = due.stop
             if not variances[due].min(initial=np.inf) > 0:
                 raise lost(model, "exact")
-        innovations.add(normalised.T, ~np.isnan(x[0, span]), skip=startup - state.count)
+        state.innovations.add(normalised.T, ~np.isnan(x[0, span]), skip=startup - state.count)
         last = int(missing[np.searchsorted(missing, end) - 1]) if gap < end else begin - 1 - state.observed
         state.count, state.observed, begin = state.count + end - begin, end - 1 - last, end
         if not settled and state.count % interval == 0:
@@ -185,4 +185,5 @@ def filter_on(
     if steady is not None and known < places.size:
         variances = variances[: known + 1]
         variances[known] = steady.variances
-    return levels.view(np.complex128).transpose(1, 2, 0), variances.T
+    amplitude = levels.view(np.complex128).transpose(1, 2, 0)
+    return Estimate(amplitude=amplitude, variance=variances.T, innovations=state.innovations)

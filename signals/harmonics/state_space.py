@@ -9,7 +9,7 @@ part of it. `bandwidth` gives q. All but the scale of the covariance depends on 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,25 +133,6 @@ class HarmonicModel:
         return mean
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
-    """Estimates of a `HarmonicModel` from a record, with covariances for R = 1."""
-
-    amplitude: Complexes  # (channel, order, output)
-    variance: Floats  # (order, output), mean over the quadratures
-    innovation_mean_square: Floats  # (channel,), of the innovations over their standard deviations, after start-up
-    innovation_samples: int  # number of innovations in it
-    # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
-    error_bound: float = 0.0
-    # Samples between the nodes where `variance` is that of nodes: standard deviations are linear in between, and
-    # constant after the last one. None where it is that of outputs.
-    std_spacing: int | None = None
-
-    def of_orders(self, orders: int) -> "Estimate":
-        """Return the estimates of the first orders alone."""
-        return replace(self, amplitude=self.amplitude[:, :orders], variance=self.variance[:orders])
-
-
 @dataclass
 class Innovations:
     """Sums over normalised innovations, those over their standard deviations."""
@@ -164,18 +145,29 @@ class Innovations:
         """(channel,) array, mean square of the normalised innovations."""
         return self.square / max(self.count, 1)
 
-    def estimate(self, amplitude: Complexes, variance: Floats, **more: Any) -> Estimate:  # noqa: ANN401
-        """Return an estimate with these statistics."""
-        return Estimate(
-            amplitude=amplitude, variance=variance, innovation_mean_square=self.mean_square,
-            innovation_samples=self.count, **more,
-        )  # fmt: skip
-
     def add(self, innovations: Floats, seen: Flags, *, skip: int = 0) -> None:
         """Add (channel, sample) normalised innovations, 0 where not `seen`, (sample,), but for the first `skip`."""
         later = innovations[:, max(skip, 0) :]
         self.square += np.einsum("cn,cn->c", later, later)
         self.count += int(np.count_nonzero(seen[max(skip, 0) :]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """Estimates of a `HarmonicModel` from a record, with covariances for R = 1."""
+
+    amplitude: Complexes  # (channel, order, output)
+    variance: Floats  # (order, output), mean over the quadratures
+    innovations: Innovations  # those after start-up
+    # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
+    error_bound: float = 0.0
+    # Samples between the nodes where `variance` is that of nodes: standard deviations are linear in between, and
+    # constant after the last one. None where it is that of outputs.
+    std_spacing: int | None = None
+
+    def of_orders(self, orders: int) -> "Estimate":
+        """Return the estimates of the first orders alone."""
+        return replace(self, amplitude=self.amplitude[:, :orders], variance=self.variance[:orders])
 
 
 def lost(model: HarmonicModel, method: Method) -> FloatingPointError:

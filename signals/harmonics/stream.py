@@ -15,7 +15,6 @@ from signals._validation import choice, positive, whole
 from signals.harmonics import _arguments
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.separability import Closeness
-from signals.harmonics.state_space import Innovations
 from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze, statistics
 from signals.harmonics.tracking_results import OrderTracks
 
@@ -34,7 +33,6 @@ class Progress:
     one_channel: bool  # blocks are (sample,) arrays
     last_phase: Floats  # (shaft,) angles in rad at the last sample
     state: FilterState
-    innovations: Innovations
     error_bound: float = 0.0  # of steady-state gains
 
 
@@ -131,11 +129,8 @@ class OrderTracker:
         """
         block, phase = self._check_block(x, phase_rad)
         if self._progress is None:
-            channels = len(block)
-            self._progress = Progress(
-                one_channel=np.ndim(x) == 1, last_phase=np.full(len(self._shafts), np.nan),
-                state=FilterState.prior(self._model, channels=channels), innovations=Innovations(np.zeros(channels)),
-            )  # fmt: skip
+            state, unknown = FilterState.prior(self._model, channels=len(block)), np.full(len(self._shafts), np.nan)
+            self._progress = Progress(one_channel=np.ndim(x) == 1, last_phase=unknown, state=state)
         now, model = self._progress, replace(self._model, phases=tuple(phase))
         steady = None
         if self._steady is not None:
@@ -143,20 +138,19 @@ class OrderTracker:
             error = ripple(Closeness.of(replace(model, phases=tuple(turned))))
             if error <= LARGEST_RIPPLE:
                 steady, now.error_bound = self._steady, max(now.error_bound, error)
-        amplitude, variance = filter_on(
-            model, block, now.state, now.innovations, output_every=self._every, steady=steady,
+        estimate = filter_on(
+            model, block, now.state, output_every=self._every, steady=steady,
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         now.last_phase = phase[:, -1].copy()
-        orders, outputs = len(self._orders), amplitude.shape[-1]
-        estimate = now.innovations.estimate(amplitude, variance).of_orders(orders)
-        found = statistics(estimate, self._noise)
+        orders, outputs = len(self._orders), estimate.amplitude.shape[-1]
+        found = statistics(estimate.of_orders(orders), self._noise)
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
             **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,
-            std_spacing=self._every if variance.shape[1] < outputs else None,
+            std_spacing=self._every if estimate.variance.shape[1] < outputs else None,
             first_output=self._every * (-(-now.state.count // self._every) - outputs),
         )  # fmt: skip
 

@@ -192,7 +192,7 @@ def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: 
     found = statistics(estimate.of_orders(orders), task.noise_variance)
     if task.noise_variance is None:
         fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
-        left = estimate.innovation_samples * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
+        left = estimate.innovations.count * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
         white = found["noise_variance"], max(left, 1.0)
         density = noise_density(record, seen, task.model, *white)
         found["noise_density"], found["noise_freedom"] = (values[:, :orders] for values in density)
@@ -204,9 +204,9 @@ def statistics(estimate: Estimate, given: float | None) -> dict[str, Any]:
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
-    channels, count, mean_square = len(estimate.amplitude), estimate.innovation_samples, estimate.innovation_mean_square
-    none = 0.0 if count else np.nan
-    noise = mean_square.astype(np.float64) if given is None else np.full(channels, float(given))
+    channels, mean_square = len(estimate.amplitude), estimate.innovations.mean_square
+    none = 0.0 if estimate.innovations.count else np.nan
+    noise = mean_square if given is None else np.full(channels, float(given))
     return {
         "complex_amplitude": estimate.amplitude,
         "settling_variance": np.broadcast_to(estimate.variance, (channels, *estimate.variance.shape)),
