@@ -12,7 +12,6 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.memory import independent_records
 
@@ -20,8 +19,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _QUANTILES = np.array((0.5, 0.25, 0.75))  # the level, and what is watched: three in four have to rise, or to fall
-_MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
-"""Variance of the EWMA with the longest memory, over that of white scores (Roberts 1959; `charts`)."""
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
@@ -174,14 +171,13 @@ class Normal:
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
-        wider, counted = _foretold(self.series, covariates)
-        departures = self.series.standardised(_without(values, level, self.layout), covariates) / wider
+        corrected = _without(values, level, self.layout)
+        departures = self.series.standardised(corrected, covariates) / _wider(self.series, covariates)
         fused = fused_scores(departures, self.layout.kinds)
         before = np.zeros_like(level) if recent is None else recent
-        wider_level, counted_level = _foretold(self.raw, covariates)
         rise, fall = watched[0] / self.level_scale[0], (before - watched[1]) / self.level_scale[1]
-        levels = np.concatenate([rise, fall], axis=-1) * counted_level / wider_level
-        scores = np.concatenate([(fused - self.score_center) / self.score_scale * counted, levels], axis=-1)
+        levels = np.concatenate([rise, fall], axis=-1) / _wider(self.raw, covariates)
+        scores = np.concatenate([(fused - self.score_center) / self.score_scale, levels], axis=-1)
         after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
         return Reading(
             departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
@@ -280,18 +276,9 @@ def _each(found: Callable[..., Array], *records: Array, axis: int = -2) -> Array
     return np.stack([found(*(those[..., n, :] for those in records)) for n in range(records[0].shape[-2])], axis=axis)
 
 
-def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
-    """Return the factor by which deviations (..., 1) widen at covariates, and the weight of a score.
-
-    The error of a slope persists from record to record, so charts with memory accumulate it: the variance of the EWMA
-    with the longest memory is m for white scores, plus the full variance of the prediction. Limits allow for the mean
-    of the latter over the baseline, (1 + slopes) / n; if it is larger, scores are weighted less, so that the variance
-    of the EWMA is unchanged. The effect decreases with the number of records.
-    """
-    leverage, records = baseline.leverage(covariates)[..., None], baseline.records
-    allowed, there = (1 + baseline.regressors) / records, 1 / records + leverage
-    counted = np.sqrt(np.minimum(1.0, (_MEMORY + allowed[..., None]) / (_MEMORY + there)))
-    return np.sqrt(1 + leverage / (1 + 1 / records)), np.asarray(counted)
+def _wider(baseline: SeriesBaseline, covariates: Array) -> Array:
+    """Return the factor by which deviations (..., 1) widen at covariates, by the errors of slopes."""
+    return np.asarray(np.sqrt(1 + baseline.leverage(covariates)[..., None] / (1 + 1 / baseline.records)))
 
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:

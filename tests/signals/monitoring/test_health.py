@@ -62,23 +62,6 @@ def test_the_regime_is_what_was_learned_and_a_little_more():
     assert (low[0], high[0]) == pytest.approx((10 - 1 - 0.75, 20 + 1 + 0.75))
 
 
-def test_errors_of_slopes_weaken_scores_the_less_the_more_records_there_are():
-    sizes, weakened, faulty = (30, 300, 3000), [], np.r_[12.0, 12.0, np.zeros(SERIES - 2)]
-    for records in sizes:
-        state = np.random.default_rng(11).standard_normal((records, 1))
-        state = (state - np.median(state)) / state.std()
-        normal = learn_normal(values(records, 12) + 0.3 * state, state, LAYOUT, PRIOR)
-        there = [normal.series.center + at * normal.series.slopes[0] + faulty for at in (0.0, 3.0)]
-        scores = [normal.read(seen, np.array([at])).scores[0] for seen, at in zip(there, (0.0, 3.0), strict=True)]
-        weakened.append(scores[1] / scores[0])
-    # the slowest EWMA, of weight 0.05, has 1 / 39 of the variance of white scores, and 2 / n of what is foretold in
-    # the mean, 10 / n there; departures are wider by 9 / (n + 1) of their variance
-    n = np.array(sizes)
-    foretold = np.sqrt((1 / 39 + 2 / n) / (1 / 39 + 10 / n) / (1 + 9 / (n + 1)))
-    assert weakened == pytest.approx(foretold, rel=0.05)  # the scores' own mean, and that of the covariate
-    assert weakened[-1] > 0.95
-
-
 def test_the_mean_of_the_largest_third():
     departures = np.array([[1.0, 5, 2, 4, 0, -9], [np.nan, np.nan, 3, 1, 2, np.nan]])
     found = fused_scores(departures, kinds_of([[np.arange(6)], [np.arange(2)]]))
