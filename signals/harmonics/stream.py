@@ -5,7 +5,7 @@ It is the causal Kalman filter of `track_orders(..., estimator="filter")`, conti
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 from typing import TYPE_CHECKING
 
@@ -24,16 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from signals.harmonics.state_space import Floats, Method, Order
-
-
-@dataclass
-class Progress:
-    """What is known between two blocks."""
-
-    one_channel: bool  # blocks are (sample,) arrays
-    last_phase: Floats  # (shaft,) angles in rad at the last sample
-    state: FilterState
-    error_bound: float = 0.0  # of steady-state gains
 
 
 class OrderTracker:
@@ -110,7 +100,10 @@ class OrderTracker:
         choice(method, name="method", choices=("exact", "fast"))
         self._steady = SteadyGains.of(self._model) if method == "fast" else None
         self._every = whole(output_every, name="output_every", least=1)
-        self._progress: Progress | None = None
+        self._state: FilterState | None = None
+        self._channels: tuple[int, ...] = ()  # axes of blocks before that of the samples
+        self._last_phase = np.full(len(self._shafts), np.nan)
+        self._error_bound = 0.0  # of steady-state gains
 
     def update(self, x: ArrayLike, *, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> OrderTracks:
         """Update with the next samples and return their outputs.
@@ -128,37 +121,36 @@ class OrderTracker:
             `sample_index` counts from the start of the stream; innovations are those of all samples so far.
         """
         block, phase = self._check_block(x, phase_rad)
-        if self._progress is None:
-            state, unknown = FilterState.prior(self._model, channels=len(block)), np.full(len(self._shafts), np.nan)
-            self._progress = Progress(one_channel=np.ndim(x) == 1, last_phase=unknown, state=state)
-        now, model = self._progress, replace(self._model, phases=tuple(phase))
+        if self._state is None:
+            self._state, self._channels = FilterState.prior(self._model, channels=len(block)), np.shape(x)[:-1]
+        state, model = self._state, replace(self._model, phases=tuple(phase))
         steady = None
         if self._steady is not None:
-            turned = np.column_stack([now.last_phase, phase]) if now.state.count else phase
+            turned = np.column_stack([self._last_phase, phase]) if state.count else phase
             error = ripple(Closeness.of(replace(model, phases=tuple(turned))))
             if error <= LARGEST_RIPPLE:
-                steady, now.error_bound = self._steady, max(now.error_bound, error)
+                steady, self._error_bound = self._steady, max(self._error_bound, error)
         estimate = filter_on(
-            model, block, now.state, output_every=self._every, steady=steady,
+            model, block, state, output_every=self._every, steady=steady,
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
-        now.last_phase = phase[:, -1].copy()
+        self._last_phase = phase[:, -1].copy()
         orders, outputs = len(self._orders), estimate.amplitude.shape[-1]
         found = statistics(estimate.of_orders(orders), self._noise)
         return OrderTracks(
-            **{name: squeeze(value, now.one_channel) for name, value in found.items()},
+            **{name: squeeze(value, not self._channels) for name, value in found.items()},
             **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
-            estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
-            samples=now.state.count, output_every=self._every,
+            estimator="filter", method="exact" if self._steady is None else "fast", error_bound=self._error_bound,
+            samples=state.count, output_every=self._every,
             std_spacing=self._every if estimate.variance.shape[1] < outputs else None,
-            first_output=self._every * (-(-now.state.count // self._every) - outputs),
+            first_output=self._every * (-(-state.count // self._every) - outputs),
         )  # fmt: skip
 
     def _check_block(self, x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:
         """Return (channel, sample) and (shaft, sample) arrays that continue the last block, or refuse them."""
-        block, now = _arguments.check_record(x), self._progress
-        if now is not None and (len(block) != len(now.state.mean) or (np.ndim(x) == 1) != now.one_channel):
-            began = "one plain channel" if now.one_channel else f"{len(now.state.mean)} channels"
+        block = _arguments.check_record(x)
+        if self._state is not None and np.shape(x)[:-1] != self._channels:
+            began = f"{self._channels[0]} channels" if self._channels else "one plain channel"
             raise ValueError(
                 f"x has shape {np.shape(x)}, but the stream began with {began}; pass blocks of the same channels."
             )
@@ -169,8 +161,7 @@ class OrderTracker:
                 "sample missing in all of them, or use one OrderTracker for each."
             )
         *_, angles = _arguments.check_orders(self._orders, phase_rad, samples=block.shape[1])
-        last_phase = np.full(len(angles), np.nan) if now is None else now.last_phase
-        for number, (name, last) in enumerate(zip(self._shafts, last_phase.tolist(), strict=True)):
+        for number, (name, last) in enumerate(zip(self._shafts, self._last_phase.tolist(), strict=True)):
             highest, jump = self._model.orders[self._model.shaft == number].max(), angles[number][0] - last
             if highest * abs(jump) > _arguments.MOST_TURN:
                 raise ValueError(
