@@ -67,8 +67,8 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
             low_memory=False,
             encoding=encoding,
         )
-    if table.shape[1] > 1 and table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
-        _refuse_short_rows(path, encoding, separator, above)
+    if table.shape[1] == 1 or table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
+        _refuse_short_rows(path, encoding, separator, above, expected=table.shape[1])
     names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
     names = titles or [re.sub(r"\.(\d+)$", r" (\1)", one) if one.rpartition(".")[0] in table else one for one in names]
     if repeated := [name for name, times in Counter(names).items() if times > 1]:
@@ -232,16 +232,26 @@ def _cells(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else line.split(separator) if line.strip() else []
 
 
-def _refuse_short_rows(path: Path, encoding: str, separator: str, above: int) -> None:
-    """Refuse a row with fewer cells than the first, which pandas would pad with blank cells."""
-    expected = 0
+def _refuse_short_rows(path: Path, encoding: str, separator: str, above: int, *, expected: int) -> None:
+    """Refuse a row with too few cells, which pandas would pad, and a blank one of a single cell, which it would skip.
+
+    Blank lines that alternate with numbers are part of the format.
+    """
+    lines = []
     for line, row in _rows(path, encoding, separator, above):
-        expected = expected or len(row)
+        lines.append(line)
         if len(row) < expected:
             raise RecordError(
                 f"{path}: the row in line {line} has {len(row)} of {expected} cells. Every row needs as many cells as "
                 f'the first; keep the separator of a blank cell, "{separator}".'
             )
+    steps = np.diff(lines[1:])  # without the header
+    if expected == 1 and steps.size and steps.min() < steps.max():
+        blank = lines[1 + int(np.argmax(steps != steps[0]))] + 1
+        raise RecordError(
+            f"{path}: line {blank} is blank, in a single column of numbers. Write nan there if a sample is missing, or "
+            "remove the line."
+        )
 
 
 def _rows(path: Path, encoding: str, separator: str, above: int) -> Iterator[tuple[int, list[str]]]:

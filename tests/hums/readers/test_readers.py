@@ -335,6 +335,15 @@ def test_a_short_column_of_pulse_times_is_padded_with_blanks(tmp_path):
     assert_array_equal(record["acc"], NOISE[:50])
 
 
+def test_a_blank_line_among_the_samples_of_a_single_column_is_not_skipped(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("DE (g)\n1.5\n2.5\n\n3.5\n4.5\n")
+    with pytest.raises(RecordError, match="line 4 is blank"):
+        read_file(path)
+    path.write_text("DE (g)\n\n1.5\n\n2.5\n\n3.5\n\n\n")  # alternating, and at the end
+    assert read_file(path).fields["DE"].tolist() == [1.5, 2.5, 3.5]
+
+
 def test_a_blank_among_the_pulse_times_is_no_padding(tmp_path):
     path = write(tmp_path, "acc,tach\n1,0.001\n2,\n3,0.002\n")
     assert "pulse 1 is at nan" in refusal(path, channels=["acc"], **ANGLE)
