@@ -67,6 +67,10 @@ class Declaration:
     speed_ratio: float = 1.0
     note: str = ""
     """Declared speed, and the speed that the record shows."""
+    unseen: str = ""
+    """Meshes of which no line stands out, and what to check."""
+    unsure: tuple[str, ...] = ()
+    """Gears of these meshes, and gears and bearings on their shafts, whose rotation no other line shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +189,8 @@ def judged_declaration(
             f"{machine.mean_speed_hz:.4g} Hz ({known})"
         )
     explained = ratio is not None or spreading or rival >= CONFIRMED
-    return Declaration(doubt=doubt, explained=explained)
+    unseen, unsure = comb.unseen([peaks for peaks, _ in spectra], machine, spread)
+    return Declaration(doubt=doubt, explained=explained, unseen=unseen, unsure=unsure)
 
 
 def _likely_rivals(
@@ -257,6 +262,34 @@ class _Comb:
             if used.any():
                 taken = np.concatenate([taken, lines[used]])
                 yield lines[used], np.array(shares, dtype=np.float64)[used]
+
+    def unseen(self, spectra: Sequence[_Peaks], machine: Machine, spread: float) -> tuple[str, tuple[str, ...]]:
+        """Return the meshes of which no spectrum shows a line, in words, and the parts on shafts known by them alone.
+
+        Meshes of several planets may vanish at the sensor and are left out.
+        """
+
+        def shown(order: float, shares: Sequence[float]) -> float:
+            lines = order * np.arange(1.0, len(shares) + 1)
+            return max(
+                float(peaks.log_evidence(lines, peaks.half(lines, spread), np.array(shares) * (lines < peaks.end)))
+                if _FEWEST_BINS * peaks.bin_width <= order < peaks.end
+                else math.inf  # it is not known
+                for peaks in spectra
+            )
+
+        rows = machine.defect_orders
+        meshes = {row.component: row.order for row in rows if row.kind == "gear_mesh" and row.sources == 1}
+        missing = {name: order for name, order in meshes.items() if shown(order, _MESH) < 0}
+        known = [1 / machine.ratio, *(order for order in self.shafts if shown(order, _SHAFT) >= CONFIRMED)]
+        turning = {row.component: [row.order] for row in rows if row.kind == "tooth"}
+        on_them = {name: orders for name, orders in turning.items() if name.rpartition("/")[0] in missing}
+        unknown = [order for (order,) in on_them.values() if not np.isclose(order, known).any()]
+        turning |= {one.name: [abs(one.inner_ring), abs(one.outer_ring)] for one in machine.bearings}
+        unsure = {name for name, orders in turning.items() if any(np.isclose(one, unknown).any() for one in orders)}
+        names = ", ".join(f'"{name}" ({order:.5g} orders)' for name, order in missing.items())
+        words = f"no line of mesh {names} stands out: check the tooth numbers, or measure closer to it"
+        return words if missing else "", tuple(sorted(unsure | on_them.keys()))
 
     def of_bearings(self, bands: Sequence[_Peaks], ratio: float) -> float:
         """Return the logarithm of the evidence of a damaged bearing in any one of the envelopes."""

@@ -246,7 +246,8 @@ def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], othe
             near = (np.abs(about - order) <= np.maximum(others.width, _DRAWN * about)).any()
             harmonic = (np.abs(band.orders - 2 * order) <= others.width).any()
             if harmonic and not near:
-                found = max(found, (float(band.depths[place]), order))
+                lowest = min(order / by for by in multiples if (np.abs(band.orders - order / by) <= others.width).any())
+                found = max(found, (float(band.depths[place]), lowest))
     return found
 
 

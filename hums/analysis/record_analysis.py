@@ -5,6 +5,7 @@ An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order
 (`hums.analysis.verdicts`), and the data of plots (`hums.analysis.pictures`); reports and scores use nothing else.
 """
 
+import json
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -50,7 +51,7 @@ from hums.analysis.tracks import (
     track_lines,
 )
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
-from hums.analysis.verdicts import CONTRADICTION, DOUBT, evidence_groups, verdicts_from
+from hums.analysis.verdicts import CONTRADICTION, DOUBT, UNSURE, evidence_groups, verdicts_from
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
 from hums.records.channels import is_average
@@ -166,6 +167,7 @@ def analyze(
         "/": xr.Dataset(
             attrs=root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
             | {CONTRADICTION: declaration.contradiction, DOUBT: declaration.doubt}
+            | {UNSURE: json.dumps(dict.fromkeys(declaration.unsure, declaration.unseen))}
         ),
         "/speed": no_speed(machine) if average else _speeds(there),
         "/health": rows_dataset(_sensor_conditions(there, channels), SensorCondition, dim="item"),
@@ -390,7 +392,11 @@ def _notes(
     if not record.machines:  # an average in angle has no speed
         return [*record.left_out, *left_out]
     return [
-        *(one[0].upper() + one[1:] + "." for one in (declaration.contradiction, declaration.doubt) if one),
+        *(
+            one[0].upper() + one[1:] + "."
+            for one in (declaration.contradiction, declaration.doubt, declaration.unseen)
+            if one
+        ),
         *([declaration.note] if declaration.note else []),
         *_speed_notes(machine, settings),
         *machine.tachometer_condition[1],

@@ -322,14 +322,11 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
 
     shafts = at(np.outer(drawn.shafts, np.arange(1, _SHAFT_HARMONICS + 1)).ravel())
     meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
-    own = at(np.concatenate([meshes, _high_harmonics(drawn, float(orders[-1])), _shifted_meshes(drawn)]))
+    own = at(np.concatenate([meshes, _high_harmonics(drawn, float(orders[-1])), _passes(drawn)]))
     floor = float(np.median(peaks.background))
     others = ~own & ~shafts & (orders > _FEWEST_ORDERS) & ~on_mains(orders, setting, width)
     strange = np.flatnonzero(others & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
-    passing = at(_passes(drawn))
     for place in strange[np.argsort(-sizes[strange])]:
-        if passing[place]:
-            return ""  # planets that are drawn make more than any mesh that is not
         if _of_a_mesh(orders, sizes, place, width):
             break
     else:
@@ -357,24 +354,11 @@ def _high_harmonics(drawn: Drawn, last: float) -> Numbers:
     return np.concatenate([np.zeros(0), *every])
 
 
-def _shifted_meshes(drawn: Drawn) -> Numbers:
-    """Return the orders at which meshes with planets out of phase appear.
-
-    Harmonic n of a mesh of Z teeth reaches the sensor from K equal planets with phases 2 pi n Z i / K. As they pass,
-    only the sidebands of order k remain for which n Z + k is a multiple of K, one of any K adjacent ones (McFadden and
-    Smith 1985): the mesh line itself vanishes unless n Z is such a multiple.
-    """
-    shifted = [
-        harmonic * mesh + k * carrier
-        for mesh, carrier, planets in drawn.planets
-        for harmonic in range(1, _OWN_HARMONICS + 1)
-        for k in range(1 - planets, planets)
-    ]
-    return np.array(shifted, dtype=np.float64)
-
-
 def _passes(drawn: Drawn) -> Numbers:
-    """Return the planet-pass sidebands, which may exceed their own mesh line."""
+    """Return the planet-pass sidebands, which may exceed their own mesh line.
+
+    Of planets out of phase, the mesh line itself vanishes and only some sidebands remain (McFadden and Smith 1985).
+    """
     sides = np.arange(-_PASSES, _PASSES + 1)
     meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
     carriers = sorted({carrier for _, carrier, _ in drawn.planets})

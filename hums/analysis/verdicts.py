@@ -52,6 +52,7 @@ from signals.spectra.integration import line_velocity
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
 # attributes of the root: what contradicts the declared angle, and why it is not sure; empty where nothing does
 CONTRADICTION, DOUBT = "declaration_contradiction", "declaration_doubt"
+UNSURE = "declaration_unsure_json"  # components whose rotation no line confirms, and why
 _LIBRARY = "library_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line
 _SHAFT_KIND = "shaft"
@@ -197,10 +198,15 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     if any(sensor == "tachometer" for sensor, _ in failed):
         why = "speed: the tachometer is faulty, so that no order is reliable"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
-    if doubt := str(attrs[DOUBT]):
-        change = "judged with a speed or tachometer whose lines the record shows"
-        return [judging_nothing(one, doubt, change) if one.verdict == NOTHING_FOUND else one for one in judged]
-    return judged
+    whys, doubt = json.loads(attrs[UNSURE]), str(attrs[DOUBT])
+    whys |= dict.fromkeys((one.component for one in judged), doubt) if doubt else {}
+    change = "judged with a speed and drawing whose lines the record shows"
+    return [
+        judging_nothing(one, whys[one.component], change)
+        if one.verdict == NOTHING_FOUND and one.component in whys
+        else one
+        for one in judged
+    ]
 
 
 def _unless_of_a_tooth(part: PartEvidence, named: Sequence[GearJudgement]) -> PartEvidence:

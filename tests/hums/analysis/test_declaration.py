@@ -111,3 +111,15 @@ def test_nothing_is_sound_at_a_nominal_speed_in_noise_alone():
     analysis = analysed(noise, hums.NominalSpeed(rpm=1200, shaft="input"))
     assert sound_parts(analysis) == 0
     assert "do not confirm the speed of input" in hums.summary(analysis)["notes"][0]
+
+
+def test_a_wrong_number_of_teeth_leaves_the_parts_behind_it_unjudged():
+    """The wheel turns the second pinion, whose mesh then is where the record has no line; the first mesh is right."""
+    wheel = hums.load_gearbox("two-stage").model_dump(mode="json", exclude_defaults=True)
+    wheel["meshes"][0]["gears"][1]["teeth"] += 1
+    record = hums.make_record({"case": vibration()}, rate_hz=RATE_HZ, units="g", angle=pulses())
+    analysis = hums.analyze(record, hums.Gearbox.model_validate(wheel), settings=SETTINGS)
+    assert 'No line of mesh "stage 2"' in hums.summary(analysis)["notes"][0]
+    verdicts = hums.verdict_table(analysis)
+    sound = set(verdicts["component"][verdicts["verdict"] == "nothing found"])
+    assert sound == {"stage 1/pinion", "input bearing"}
