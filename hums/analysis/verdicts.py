@@ -198,7 +198,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     if any(sensor == "tachometer" for sensor, _ in failed):
         why = "speed: the tachometer is faulty, so that no order is reliable"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
-    whys, doubt = json.loads(attrs[UNSURE]), str(attrs[DOUBT])
+    whys, doubt = json.loads(attrs.get(UNSURE, "{}")), str(attrs[DOUBT])
     whys |= dict.fromkeys((one.component for one in judged), doubt) if doubt else {}
     change = "judged with a speed and drawing whose lines the record shows"
     return [
