@@ -99,32 +99,25 @@ class _Estimate:
         return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
 
     @cached_property
-    def _excitations(self) -> list[ComplexArray]:
-        """Lines of the excitation in N of each mesh at each instant."""
-        return [line for force in self._forces for line in self._response.excitations(force, self._instants).T]
-
-    @cached_property
-    def _places(self) -> list[tuple[int, ToothForces, int, Array]]:
-        """Every mesh at every instant: its number, its force, the instant, and the frequencies of its lines in Hz."""
-        speed_hz = self.motion.stage.speed_hz
+    def _places(self) -> list[tuple[int, int, Array, ComplexArray]]:
+        """Every mesh at every instant: their numbers, and frequency in Hz and excitation in N of its lines."""
+        instants, speed_hz = self._instants, self.motion.stage.speed_hz
         return [
-            (mesh, force, instant, force.orders * speed_hz[instant])
+            (mesh, instant, force.orders * speed_hz[instant], excitation)
             for mesh, force in enumerate(self._forces)
-            for instant in self._instants
+            for instant, excitation in zip(instants, self._response.excitations(force, instants).T, strict=True)
         ]
 
     @cached_property
     def _transfers(self) -> list[ComplexArray]:
         """Lines in the channels per N of force of each mesh at each instant."""
-        return [self._response.channels(mesh, frequency_hz) for mesh, _, _, frequency_hz in self._places]
+        return [self._response.channels(mesh, frequency_hz) for mesh, _, frequency_hz, _ in self._places]
 
     @cached_property
     def _deflections(self) -> list[ComplexArray]:
         """Lines of the deflections of all meshes in m, (mesh, line), by the force of each mesh at each instant."""
-        return [
-            self._response.deflections_by(mesh, frequency_hz) * excitation
-            for (mesh, _, _, frequency_hz), excitation in zip(self._places, self._excitations, strict=True)
-        ]
+        by = self._response.deflections_by
+        return [by(mesh, frequency_hz) * excitation for mesh, _, frequency_hz, excitation in self._places]
 
     def _mean(self, lines: list[ComplexArray]) -> Array:
         """Return the power (sensor,) of the lines of all meshes, averaged over the instants."""
@@ -138,9 +131,7 @@ class _Estimate:
             return True
         static_n = np.abs(self.motion.static_n)
         total = np.zeros(static_n.shape)
-        for (mesh, _, instant, _), deflections, excitation in zip(
-            self._places, self._deflections, self._excitations, strict=True
-        ):
+        for (mesh, instant, _, excitation), deflections in zip(self._places, self._deflections, strict=True):
             lines = self._response.means[:, None] * deflections
             lines[mesh] += excitation  # k (d - e) = k_mean d + q
             total[:, instant] += np.sum(np.abs(lines), axis=1)
@@ -149,8 +140,8 @@ class _Estimate:
 
     def error_db(self, *, enough_db: float) -> float:
         """Return the relative RMS error of the worst channel in dB; above `enough_db` only a lower bound."""
-        both = zip(self._transfers, self._excitations, strict=True)
-        power = self._mean([transfer * excitation for transfer, excitation in both])
+        both = zip(self._transfers, self._places, strict=True)
+        power = self._mean([transfer * excitation for transfer, (*_, excitation) in both])
         error, error_db = np.zeros(power.size), -math.inf
         for part in (self._lag, self._other_variation):
             error = error + part()
@@ -190,9 +181,7 @@ class _Estimate:
         if len(self._instants) == 1:
             return np.zeros(len(stage.scene.sensors))
         found = []
-        for (mesh, _, instant, frequency_hz), middle, excitation in zip(
-            self._places, self._transfers, self._excitations, strict=True
-        ):
+        for (mesh, instant, frequency_hz, excitation), middle in zip(self._places, self._transfers, strict=True):
             low, high = (self._response.channels(mesh, frequency_hz * factor) for factor in (1 - share, 1 + share))
             late = rates[instant] / (2 * np.pi * frequency_hz * stage.speed_hz[instant] * share**2)
             found.append(late / 2 * (low - 2 * middle + high) * excitation)
