@@ -35,7 +35,7 @@ resolved, but splines at as many orders would have more coefficients than there 
 _ENOUGH, _ENOUGH_NEARER = 2e-4, 3e-3
 """Share of the power left that suffices: below the first, intervals are not shortened; below the second, no closer
 lines are added."""
-_WORSE = 2.0  # times as much left: a step that leaves more is the last
+_WORSE = 2.0  # times as much left, with closer lines: a step that leaves more is the last
 _UNKNOWNS = 0.65  # coefficients per sample, at most: with more, splines would fit any signal
 _LEFT_OUT = 1e-4  # of the power of all lines: total of the weakest
 _SHORTEST = 0.25  # of the mean interval: shorter ones need not be resolved by the transform of a line
@@ -106,12 +106,12 @@ def projection(
     ladder = [finest >> number for number in range(halvings, -1, -1)]
     fitted = partial(_fitted, spectrum, orders[places], at_rev=at_rev, most=most)
     best = fitted(ladder[0], apart=_APART_OF_CONSTANTS if steady else _APART)
-    for apart, enough in () if steady else ((_APART, _ENOUGH), (_NEARER, _ENOUGH_NEARER)):
+    for apart, enough, worse in () if steady else ((_APART, _ENOUGH, 1.0), (_NEARER, _ENOUGH_NEARER, _WORSE)):
         for intervals in ladder[ladder.index(best.intervals) + (apart == _APART) :]:
             if np.max(best.left) < enough or 2 * best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
                 break
             found = fitted(intervals, apart=apart)
-            if np.sum(found.left) > _WORSE * np.sum(best.left):
+            if np.sum(found.left) > worse * np.sum(best.left):
                 break
             best = min(best, found, key=lambda each: float(np.sum(each.left)))
     from_zero = np.exp(-2j * np.pi * np.remainder(orders[places[best.chosen]] * revolutions[0], 1.0))
