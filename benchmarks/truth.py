@@ -32,8 +32,8 @@ varies by 3 %, rises or falls linearly, or steps; and the first of each with a s
 
 Lines are to leave at most 0.3 % of a record, free vibration aside, and 3 % of a fault. They leave more of both starts
 from 1 rpm and of the ramp from 90 to 180 rpm, where speed changes within the revolutions that resolve neighbouring
-lines; of planets with deviations, whose lines take more bytes than the samples; of the spalled planet tooth, whose
-lines 1 s does not resolve; and of `wijianto`, whose mesh follows time, so that its lines are at no order of a shaft."""
+lines; of planets with deviations, whose lines take more bytes than the samples; and of `wijianto`, whose mesh follows
+time, so that its lines are at no order of a shaft."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | stated: free, left, fault left, % | size | s |\n"
     "|---|---|---|---|---|---|---|---|"
