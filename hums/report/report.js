@@ -45,7 +45,7 @@ const report = (() => {
       if (at < 0 || at > width || taken.some((other) => Math.abs(other - at) < LABEL_PX)) continue;
       taken.push(at);
       said.push({x: line.order * factor, y: 1, yref: "paper", yanchor: "bottom", textangle: -90, showarrow: false,
-                 text: line.label.replace("<", "&lt;"), font: {size: 11, color: line.style ? `--${line.style}` : "--faint"}});
+                 text: line.label.replace("<", "&lt;"), font: {size: printing() ? 8 : 11, color: line.style ? `--${line.style}` : "--faint"}});
     }
     return said;
   }
@@ -90,7 +90,7 @@ const report = (() => {
   addEventListener("hashchange", unfold);
   unfold();
 
-  // The summary on paper keeps the first figure that shows a finding of spectra, averages and, for run-ups, maps.
+  // The summary on paper keeps the first figure that shows a finding of spectra, maps of run-ups, and averages, if any.
   if (location.hash === "#print") {
     document.documentElement.dataset.brief = "";
     const found = facts.findings.flatMap((row) => [row.channel, row.component]);
@@ -98,7 +98,8 @@ const report = (() => {
     for (const section of document.querySelectorAll("#panel > section")) {
       const figures = [...section.querySelectorAll("figure.plot")];
       const shows = (figure) => found.includes((figure.querySelector(".title") || {}).textContent);
-      const kept = kinds.includes(section.getAttribute("aria-labelledby")) ? figures.find(shows) || figures[0] : null;
+      const kind = section.getAttribute("aria-labelledby"), any = kind === "averages" ? null : figures[0];
+      const kept = kinds.includes(kind) ? figures.find(shows) || any : null;
       for (const figure of figures) if (figure !== kept) figure.remove();
       if (!kept) section.remove();
     }
@@ -138,9 +139,10 @@ const report = (() => {
     const looked = Array.from(data.searched, (order) => ({type: "line", name: "searched",
       x0: order * factor, x1: order * factor, yref: "paper", y0: 0, y1: 0.02, line: {color: "--faint", width: 1}}));
     const annotations = labels(data, figure, factor, last);
-    const band = Math.min(250, 36 + 6.2 * Math.max(0, ...annotations.map((label) => label.text.length)));
+    const longest = Math.max(0, ...annotations.map((label) => label.text.length));
+    const band = printing() ? Math.min(210, 30 + 4.7 * longest) : Math.min(250, 36 + 6.2 * longest);
     figure.state.unit = name;
-    return {traces, height: (printing() ? 330 : 410) + band, layout: {
+    return {traces, height: printing() ? Math.min(500, 320 + band) : 410 + band, layout: {
       uirevision: `${name} ${scale} ${shown.name}`, margin: {t: band, b: 84},
       xaxis: {title: {text}, range: [0, last * factor]}, annotations, shapes: [...cursorShapes(factor), ...looked],
       yaxis: {title: {text: scale === "dB" ? `dB re 1 ${data.units}` : `${shown.name} amplitude, ${data.units}`},

@@ -13,6 +13,7 @@ import xarray as xr
 from browser import draw_all, printed, screenshot, show, text_of, violations
 from pypdf import PdfReader
 
+from data_synth import load_scene, simulate
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import group, indicator_table, open_analysis
 from hums.gearbox.model import Gearbox, load_gearbox
@@ -203,6 +204,15 @@ def test_a_summary_is_printed_on_four_pages_and_the_whole_on_more(page, tmp_path
     for words in ("Condition indicators", "Waveforms", "Kurtograms", "nominal order"):
         assert words not in summary
         assert words in whole
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (Debian: apt-get install chromium)")
+def test_a_summary_of_six_channels_and_forty_checks_is_printed_on_four_pages(tmp_path):
+    scene = load_scene("turbine")
+    analysis = analyze(simulate(scene, seed=0), scene.gearbox)
+    path = write_pdf(write_report(analysis, tmp_path))
+    assert len(PdfReader(path).pages) <= 4
+    assert "high speed bearing generator side, inner race" in text_of(path.read_bytes())
 
 
 def test_report_on_a_narrow_dark_screen_and_from_there_on_paper(browser, page):
