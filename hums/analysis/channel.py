@@ -168,7 +168,7 @@ def analyse_channel(
     drawn = drawn_by(machine, settings)
     segments = tuple(replace(one, last_order=last, drawn=replace(drawn, tolerance=0.0)) for one in channel.segments)
     in_envelopes = [line for line in expected if line.spectrum == ENVELOPE]
-    bands, no_band = _bands_to_search(rate_hz, machine, in_envelopes, settings)
+    bands, no_band = _bands_to_search(first.end_hz, machine, in_envelopes, settings)
     envelopes = _Envelopes.of(bands, in_envelopes, machine)
     block = _block_turns(segments, early_s=envelopes.end_s)
     single = len(segments) == 1
@@ -691,9 +691,9 @@ def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
 
 
 def _bands_to_search(
-    rate_hz: float, machine: Machine, expected: Sequence[ExpectedLine], settings: AnalysisSettings
+    end_hz: float, machine: Machine, expected: Sequence[ExpectedLine], settings: AnalysisSettings
 ) -> tuple[Sequence[tuple[float, float]], str]:
-    """Return the bands to demodulate, or none with the reason."""
+    """Return the bands to demodulate up to a frequency, or none with the reason."""
     given = settings.envelope_band_hz
     if given is None or not expected:
         return (), ""
@@ -702,7 +702,7 @@ def _bands_to_search(
     # as wide as the lines need, but at most a quarter of the rate, which leaves a choice
     needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
     try:
-        return bank_bands(rate_hz=rate_hz, least_width_hz=min(needed, _WIDEST * rate_hz)), ""
+        return bank_bands(rate_hz=2 * end_hz, least_width_hz=min(needed, _WIDEST * 2 * end_hz)), ""
     except ValueError as error:
         return (), str(error)
 

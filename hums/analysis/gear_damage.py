@@ -293,7 +293,7 @@ class _Residual:
 
 def _residual(segment: Segment) -> _Residual:
     when, machine = segment.when, segment.machine
-    last = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz
+    last = PASSBAND * segment.end_hz / machine.top_speed_hz
     (signal,) = resample_in_angle([segment.values], when, segment.name, machine.phase, last)
     meshes: dict[float, float] = {}
     for row in (row for row in machine.defect_orders if row.kind == "gear_mesh"):

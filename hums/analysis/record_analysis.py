@@ -515,6 +515,11 @@ def _channel_notes(channel: AnalysedChannel, machine: Machine, settings: Analysi
             f"one sample reaches {channel.crest_factor:.0f} times the RMS, like an electrical spike, which may mask "
             "everything else."
         )
+    if (end_hz := channel.segments[0].end_hz) < channel.rate_hz / 2:
+        yield (
+            f"the signal ends at {end_hz:.3g} Hz, as behind a low-pass filter, and so do the envelope bands: damage "
+            "that rings above would not be seen."
+        )
     stated, last = settings.max_order, float(channel.spectra[ORDER_SPECTRUM].axis[-1])
     if stated is not None and last + channel.spectra[ORDER_SPECTRUM].bin_width < stated:
         yield (

@@ -33,7 +33,7 @@ SCHEMA = "hums-analysis/4"
 _FACTS = ("machine", "regime", "site", "analyst", "recorded_at")  # that an analysis states as its record does
 _version = cache(version)  # which reads the package's files
 _NUMBERS = (float, "float")  # types of a field that is a number, as annotated
-GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
+GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings", "verdicts", "unexplained")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -450,7 +450,7 @@ def track_table(analysis: Analysis) -> "pd.DataFrame":
 
     tables = []
     for name, spectrum in (("tracks", ORDER_SPECTRUM), ("envelope_tracks", ENVELOPE)):
-        tracks = group(analysis, name) if name in analysis.children else xr.Dataset()
+        tracks = group(analysis, name)
         if not tracks:
             continue
         value = tracks["complex_amplitude"]
@@ -526,7 +526,7 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     """
     import pandas as pd  # noqa: PLC0415
 
-    tables = [_table(analysis, name) for name in ("findings", "verdicts") if name in analysis.children]
+    tables = [_table(analysis, name) for name in ("findings", "verdicts")]
     filled = [table for table in tables if len(table)] or tables[:1]
     return pd.concat(filled, ignore_index=True)
 
@@ -559,10 +559,6 @@ def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
     >>> hums.unexplained_table(analysis)[["order", "frequency_hz", "amplitude"]].round(2).values.tolist()
     [[16.65, 333.0, 1.0]]
     """
-    import pandas as pd  # noqa: PLC0415
-
-    if "unexplained" not in analysis.children:
-        return pd.DataFrame()
     return _table(analysis, "unexplained")
 
 
@@ -678,8 +674,8 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "schema": SUMMARY_SCHEMA,
         "record": attrs["record"],
         "machine": attrs["machine"],
-        "site": attrs.get("site", ""),
-        "analyst": attrs.get("analyst", ""),
+        "site": attrs["site"],
+        "analyst": attrs["analyst"],
         "recorded_at": attrs["recorded_at"],
         "gearbox": attrs["gearbox"],
         "reference": attrs["reference"],
@@ -688,7 +684,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "settings": json.loads(attrs["settings_json"]),
         "notes": json.loads(attrs["notes_json"]),
         "speed_hz": _speed_facts(group(analysis, "speed")),
-        "measured": json.loads(attrs.get("measured_json", "{}")),
+        "measured": json.loads(attrs["measured_json"]),
         "health": _records(health_table(analysis)),
         "envelope_bands": envelope_bands(analysis),
         "orders": _records(line_table(analysis, ORDER_SPECTRUM)),

@@ -29,7 +29,7 @@ from hums.records.channels import Sampling, channel_values, names_of, sampling, 
 from hums.records.snapshots import is_snapshots, snapshots_of
 from signals._transforms import transform_of
 from signals.angle.averaging import SynchronousAverage
-from signals.demodulation.envelope import bank_envelopes
+from signals.demodulation.envelope import bank_envelopes, passband_end_hz
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all, time_resample
 from signals.shaft.phase import ShaftPhase
@@ -43,6 +43,7 @@ _LEAST_SHARE = 0.05  # of the longest segment's turns: what is shorter shows not
 # Changes of load that go with a line; a modulation of it by a shaft or a tooth is a line of its own. Of 16 damaged
 # races and elements under loud meshes, halved names the same nine, doubled eight.
 _SLOW_HZ = 2.0
+_EXCERPT = 2**18  # samples, a 32nd of which is enough, for the end of the signal
 _SPEEDS = 256  # over the record, for the check of the sensor: four in each part in which it looks for a change of level
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
@@ -98,6 +99,14 @@ class Segment:
     def values(self) -> Values:
         """The samples."""
         return read(self.record, self.name)
+
+    @cached_property
+    def end_hz(self) -> float:
+        """Frequency in Hz at which a low-pass filter ends the signal, from samples in the middle."""
+        dim, first = self.record[self.name].dims[-1], max(0, (self.when.count - _EXCERPT) // 2)
+        middle = channel_values(self.record.isel({dim: slice(first, first + _EXCERPT)}), self.name)
+        known, rate_hz = middle[np.isfinite(middle)], self.when.rate_hz
+        return passband_end_hz(known, rate_hz=rate_hz) if known.size >= _EXCERPT // 32 else rate_hz / 2
 
     @cached_property
     def transform(self) -> NDArray[np.complexfloating]:

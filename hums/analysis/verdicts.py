@@ -281,9 +281,12 @@ def _why_unmeasured(
         )
     reach = max(channel.envelope_reach for channel in channels)
     if row.order * (1 + settings.slip) > reach:
-        carries = f"the {reach * machine.top_speed_hz:.4g} Hz that its envelopes carry" if reach else "what they carry"
+        carried = (
+            f"its line at {line_hz:.4g} Hz is above the {reach * machine.top_speed_hz:.4g} Hz that envelopes carry"
+        )
+        why = carried if reach else "the signal is too narrow for an envelope band"
         remedy = "a wider envelope band" if isinstance(settings.envelope_band_hz, tuple) else "a higher sampling rate"
-        return f"out of band: its line at {line_hz:.4g} Hz is above {carries}", f"judged with {remedy}"
+        return f"out of band: {why}", f"judged with {remedy}"
     return (
         f"too short: {turns:.3g} revolutions are too few to estimate the noise next to its line",
         f"judged in a record of {_FEWEST_TURNS:g} revolutions or more",

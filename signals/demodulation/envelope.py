@@ -14,7 +14,7 @@ from scipy.ndimage import convolve1d
 from signals._transforms import forget_plans, transform_of
 from signals._validation import Array, Samples, checked, positive, real_samples, real_vector
 from signals.resampling.resampling import angular_resample
-from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum
+from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum, averaged_spectrum, order_spectrum
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -333,6 +333,52 @@ def envelope_order_spectrum(
 # repeats within the width of that average.
 
 _LOWEST, _HIGHEST = 0.02, 0.98  # of half the rate: offsets and drift lie below, the anti-alias filter above
+_ANTI_ALIAS = 0.9  # of half the rate, above which a filter takes so little of a bank's range that it is left as it is
+
+
+def passband_end_hz(x: ArrayLike, *, rate_hz: float) -> float:
+    """Return the frequency at which a low-pass filter ends the signal, or half the sampling rate if none does.
+
+    Behind a filter, the noise of the record decreases by at least 40 dB within an octave, and nowhere above is it
+    stronger. The noise of a machine does not: above a resonance it decreases by 12 dB per octave.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Samples, any unit, at least 512; the noise is the median of the power density over a 512th of the range, with
+        fewer than 16,384 samples over more of it.
+    rate_hz : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    float
+        In Hz; the highest frequency at which the noise is no more than 20 dB below that in the octave below the filter.
+        Half the sampling rate also if that is above nine tenths of it, as behind an anti-alias filter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import butter, sosfilt
+    >>> from signals.demodulation.envelope import passband_end_hz
+    >>> noise = np.random.default_rng(1).standard_normal(2**16)
+    >>> passband_end_hz(noise, rate_hz=50_000)
+    25000.0
+    >>> filtered = sosfilt(butter(8, 5000, fs=50_000, output="sos"), noise)
+    >>> round(passband_end_hz(filtered, rate_hz=50_000), -2)
+    6500.0
+    """
+    samples, rate = real_vector(x, name="x", minimum=512), positive(rate_hz, name="rate_hz")
+    power = averaged_spectrum(samples, rate=rate, segment=min(4096, samples.size // 8)).value
+    bins = max(4, power.size // 512)
+    levels = np.median(power[: power.size // bins * bins].reshape(-1, bins), axis=1)
+    above = np.maximum.accumulate(levels[::-1])[::-1]
+    for top in range(4, int(_ANTI_ALIAS / 2 * levels.size)):
+        inside = np.median(levels[top // 2 : top])
+        if above[2 * top] < 1e-4 * inside:
+            share = (np.flatnonzero(levels > 1e-2 * inside)[-1] + 1) / levels.size
+            return float(share if share < _ANTI_ALIAS else 1.0) * rate / 2
+    return rate / 2
 
 
 def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, float], ...]:

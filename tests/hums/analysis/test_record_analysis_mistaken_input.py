@@ -1,12 +1,14 @@
 """Mistakes of a new user: refused, or told, in a sentence that says what to do."""
 
+import re
 import sys
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
-from hums.analysis.result import health_table, line_table, open_analysis, summary
+from hums.analysis.result import health_table, line_table, open_analysis, summary, verdict_table
 from hums.analysis.settings import AnalysisError
 from hums.cli import main
 from hums.gearbox.model import load_gearbox
@@ -200,3 +202,22 @@ class TestImplausibleTachometer:
         settings = AnalysisSettings(speed_range_hz=(10, 30), max_acceleration_hz_s=5)
         with pytest.raises(AnalysisError, match=r"gives 40 rev/s .* outside the declared range, 10 to 30 rev/s"):
             analyze(self.record(40.0), load_gearbox("two-stage"), settings=settings)
+
+
+@pytest.mark.parametrize(("cut_hz", "judged"), [(3000.0, True), (500.0, False)])
+def test_what_a_low_pass_filter_removes_is_not_called_inspected(cut_hz, judged):
+    rate_hz, rng = 25_000.0, np.random.default_rng(2)
+    pulses = PulseTimes(times_s=np.arange(0.0, 20.0, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1)
+    sections = butter(8, cut_hz, fs=rate_hz, output="sos")
+    values = sosfilt(sections, rng.standard_normal(500_000)) + 1e-4 * rng.standard_normal(500_000)
+    turned = 2 * np.pi * SPEED_HZ * np.arange(500_000) / rate_hz
+    values += np.sum([np.cos(order * turned + order) for order in (1, 23, 46, 23 * 19 / 67)], axis=0)
+    record = make_record({"a": values}, units="g", rate_hz=rate_hz, angle=pulses)
+    analysis = analyze(record, load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0))
+    assert any("low-pass filter" in note for note in summary(analysis)["notes"])
+    races = verdict_table(analysis).query("kind == 'inner_race'")
+    assert set(races["verdict"]) == {"nothing found" if judged else "not judged"}
+    for said in races["evidence"]:
+        inspected = re.search(r"between [\d.]+ and ([\d.]+) Hz", said)
+        assert (inspected is not None) == judged
+        assert inspected is None or float(inspected[1]) < 1.4 * cut_hz  # where the filter takes 20 dB

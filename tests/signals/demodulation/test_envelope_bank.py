@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import signal
 
-from signals.demodulation.envelope import bank_bands, bank_envelopes, envelope, level_normalised
+from signals.demodulation.envelope import bank_bands, bank_envelopes, envelope, level_normalised, passband_end_hz
 from signals.resampling.resampling import AngularSignal
 
 RNG = np.random.default_rng(5)
@@ -76,3 +77,29 @@ def test_a_level_is_divided_out_and_what_repeats_stays():
 
 def test_silence_stays_silent():
     assert_allclose(level_normalised(over_angle(np.zeros(320)), revolutions=4).values, 0.0)
+
+
+@pytest.mark.parametrize("cut_hz", [1000.0, 3000.0, 8000.0])
+@pytest.mark.parametrize("floor", [0.0, 1e-3])
+def test_a_signal_ends_where_its_filter_takes_20_db(cut_hz, floor):
+    noise, sections = RNG.standard_normal((2, 2**17)), signal.butter(8, cut_hz, fs=50_000, output="sos")
+    filtered = signal.sosfilt(sections, noise[0]) + floor * noise[1]
+    frequency_hz, response = signal.sosfreqz(sections, 25_000, fs=50_000)
+    end_hz = frequency_hz[np.flatnonzero(abs(response) > 0.1)[-1]]
+    assert passband_end_hz(filtered, rate_hz=50_000) == pytest.approx(end_hz, rel=0.05)  # cells of 49 Hz, and scatter
+
+
+def test_resonances_and_gentle_filters_end_no_signal():
+    noise = RNG.standard_normal(2**17)
+    mode = signal.lfilter([1.0], [1.0, -2 * 0.97 * np.cos(2 * np.pi * 2000 / 50_000), 0.97**2], noise)
+    gentle = np.fft.irfft(
+        np.fft.rfft(noise) / (1 + (np.fft.rfftfreq(2**17, 1 / 50_000) / 3000) ** 2)
+    )  # 12 dB per octave
+    assert [passband_end_hz(x, rate_hz=50_000) for x in (noise, mode, gentle)] == [25_000.0] * 3
+
+
+@pytest.mark.parametrize(("cut_hz", "end_hz"), [(15_000.0, 15_000.0), (23_500.0, 25_000.0)])
+def test_only_a_filter_well_below_half_the_rate_ends_a_signal(cut_hz, end_hz):
+    lines = np.fft.rfft(RNG.standard_normal(2**17))
+    lines[np.fft.rfftfreq(2**17, 1 / 50_000) > cut_hz] *= 1e-6
+    assert passband_end_hz(np.fft.irfft(lines), rate_hz=50_000) == pytest.approx(end_hz, abs=50)
