@@ -475,11 +475,10 @@ class _Pool:
 
 def _with_order_spectra(pool: _Pool | None, segment: Segment, block: float, *, single: bool) -> _Pool | None:
     """Return the pool with the order spectra of the blocks of a segment added."""
-    blocks = _blocks(segment.signal, block, single=False)
-    for spectrum in (
-        [segment.spectrum] if single else (order_spectrum(one, max_order=segment.last_order) for one in blocks)
-    ):
-        pool = _Pool.add(pool, spectrum, single=single)
+    if single:
+        return _Pool.add(pool, segment.spectrum, single=True)
+    for one in _blocks(segment.signal, block, single=False):
+        pool = _Pool.add(pool, order_spectrum(one, max_order=segment.last_order), single=False)
     return pool
 
 

@@ -75,7 +75,8 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
     mean = values.mean(dtype=np.float64)
     peak = int(np.argmax(values)) if values.max() - mean >= mean - values.min() else int(np.argmin(values))
     first = max(0, min(peak - _EXCERPT // 2, values.size - _EXCERPT))
-    excerpt, seconds = values[first : first + _EXCERPT], {"units": "s"}
+    excerpt = values[first : first + _EXCERPT]
+    excerpt_s = when.start_s + (first + np.arange(excerpt.size)) / when.rate_hz
     return xr.Dataset(
         {
             "least": ("column", np.minimum.reduceat(values, starts)),
@@ -83,12 +84,8 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
             "excerpt": ("sample", np.array(excerpt)),
         },
         coords={
-            "time_s": ("column", when.start_s + starts / when.rate_hz, seconds),
-            "excerpt_time_s": (
-                "sample",
-                when.start_s + (first + np.arange(excerpt.size)) / when.rate_hz,
-                {"units": "s"},
-            ),
+            "time_s": ("column", when.start_s + starts / when.rate_hz, {"units": "s"}),
+            "excerpt_time_s": ("sample", excerpt_s, {"units": "s"}),
         },
         attrs={"column_s": float(starts[1] / when.rate_hz if starts.size > 1 else values.size / when.rate_hz)},
     )

@@ -67,7 +67,9 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
             low_memory=False,
             encoding=encoding,
         )
-    if table.shape[1] == 1 or table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
+    with path.open(encoding=encoding) as stream:  # a short row leaves its last cells blank, one without any none
+        blank = table.shape[1] == 1 and sum(1 for _ in stream) > above + len(table) + (not without_header)
+    if blank or table.iloc[:, -1].isna().any():
         _refuse_short_rows(path, encoding, separator, above, expected=table.shape[1])
     names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
     names = titles or [re.sub(r"\.(\d+)$", r" (\1)", one) if one.rpartition(".")[0] in table else one for one in names]

@@ -376,8 +376,7 @@ def passband_end_hz(x: ArrayLike, *, rate_hz: float) -> float:
     for top in range(4, int(_ANTI_ALIAS / 2 * levels.size)):
         inside = np.median(levels[top // 2 : top])
         if above[2 * top] < 1e-4 * inside:
-            share = (np.flatnonzero(levels > 1e-2 * inside)[-1] + 1) / levels.size
-            return float(share if share < _ANTI_ALIAS else 1.0) * rate / 2
+            return float((np.flatnonzero(levels > 1e-2 * inside)[-1] + 1) / levels.size * rate / 2)
     return rate / 2
 
 
