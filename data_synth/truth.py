@@ -159,9 +159,10 @@ def _lines(prepared: PreparedScene) -> Iterator[Line]:
     """Yield the lines of harmonic families, then those of impacts, which may share their orders."""
     listed = set[Fraction]()
     for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
+        orders = family.orders
         for index in np.flatnonzero(family.nonzero).tolist():
-            listed.add(family.orders[index])
-            yield Line(float(family.orders[index]), family.component, family.kind, amplitudes[:, index])
+            listed.add(orders[index])
+            yield Line(float(orders[index]), family.component, family.kind, amplitudes[:, index])
     for train, orders, amplitudes in impact_lines(prepared, listed=frozenset(listed)):
         for index, order in enumerate(orders):
             yield Line(float(order), train.component, train.kind, amplitudes[:, index])
