@@ -103,7 +103,7 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     rows, labels = _analysed(folder, text, workers)
     kinds = [str(kind) for kind in labels["class"].to_numpy()]
     found, classes = [series_of(row) for row in rows], np.array(kinds)
-    every = tuple(sorted(set().union(*found)))
+    every = tuple(sorted(set().union(*(one.keys for one in found))))
     values = np.array([vector(one, every) for one in found])
     kept = np.isfinite(values[classes == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
     return Analyses(

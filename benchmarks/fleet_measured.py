@@ -13,7 +13,7 @@ from hums.fleet.monitor import MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation, observation
 from hums.fleet.results import results
-from hums.fleet.series import Series
+from hums.fleet.series import Numbers, Series, shared
 from hums.fleet.watched_machines import MachineHistory
 from hums.readers import convert
 
@@ -23,7 +23,7 @@ RATE_HZ = 25_600.0
 DAY = datetime(2020, 1, 1, tzinfo=UTC)  # of the first snapshot; one every 10 s
 
 
-def snapshot(accelerations: Array) -> dict[Series, float]:
+def snapshot(accelerations: Array) -> Numbers:
     """Return logarithms of plain indicators of a snapshot (2, samples) in g."""
     found = {}
     for channel, raw in zip(("horizontal", "vertical"), accelerations, strict=True):
@@ -46,7 +46,7 @@ def snapshot(accelerations: Array) -> dict[Series, float]:
         for (name, unit), value in numbers.items():
             key = Series(channel=channel, component="record", kind="channel", indicator=name, unit=unit)
             found[key] = float(np.log(value))
-    return found
+    return Numbers(keys=shared(tuple(found)), values=np.array(list(found.values())))
 
 
 def run_to_failure(path: Path) -> tuple[int, float, str, bool]:

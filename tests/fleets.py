@@ -8,7 +8,7 @@ from hums.fleet.monitor import MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.series import Numbers, Series
+from hums.fleet.series import Numbers, Series, shared
 
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 KEYS = tuple(
@@ -26,6 +26,15 @@ KEYS = tuple(
 )
 
 
+def valued(values):
+    return Numbers(keys=shared(tuple(values)), values=np.array(list(values.values()), dtype=np.float64))
+
+
+def items(seen):
+    """The series of an observation and their values."""
+    return zip(seen.values.keys, seen.values.values, strict=True)
+
+
 def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0, faulty=(), record=""):
     rng = np.random.default_rng([seed, number])
     values = {
@@ -37,28 +46,23 @@ def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0
         machine="mill",
         record=record or f"record {number}",
         recorded_at=(FIRST + timedelta(days=number)).isoformat(),
-        values=values,
+        values=valued(values),
         covariates={"speed_hz": speed_hz * (1 + 0.01 * rng.standard_normal())},
         faulty=dict.fromkeys(faulty, "clipped"),
     )
 
 
-LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3))
+LINES = shared(tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3)))
 
 
 def kept(seen, *, growth=1.0):
     """The results of an observation's record; its lines grow."""
     return StoredRecord(
-        record=seen.record,
-        machine=seen.machine,
-        recorded_at=seen.recorded_at,
-        error="",
+        **vars(seen),
         speed_hz=20.0,
         lines=Numbers(keys=LINES, values=np.array([[growth * x, 2, 1] for x in (0.1, 0.3, 0.2) * 2], dtype=np.float32)),
         orders=np.array([23.0, 46.0, 69.0] * 2),
-        indicators=Numbers(keys=(), values=np.zeros(0)),
-        findings=(),
-        observation=seen,
+        indicators=valued({}),
     )
 
 

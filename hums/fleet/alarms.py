@@ -24,12 +24,10 @@ ALARM_COLUMNS = (
     "recorded_at",
     "since",
     "value",
-    "false_alarm_every",
     "severity",
     "state",
     "consequences",
     "baseline",
-    "version",
 )
 SEVERE = 2.0  # condition index from which an alarm is severe: twice the limit
 CLEAR, RAISED, ACKNOWLEDGED = "clear", "raised", "acknowledged"

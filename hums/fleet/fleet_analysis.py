@@ -67,7 +67,7 @@ class Fleet:
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
         ``alarms.csv``, one row per alarm; ``components.csv``, the condition of every component; ``baseline.h5``, the
         baselines; ``indicators.parquet``, one row per indicator and record, if pyarrow is installed; ``fleet.html``,
-        the fleet page; ``records/``, the results of each record; and ``watch/``, the states of the machines.
+        the fleet page; and ``records/``, the results of each record.
     records, failed : int
         Numbers of records, and of records that could not be analysed.
     analysed, kept : int
@@ -254,7 +254,7 @@ def _tables(
 ) -> tuple[list[MachineHistory], dict[str, str], str]:
     """Monitor the machines; write alarms, components, baselines, the tables of all records and the page."""
     records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever the files' order was
-    histories = watch_machines(records, folder / "watch", settings=settings, work=work)
+    histories = watch_machines(records, settings=settings, work=work)
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")

@@ -96,7 +96,7 @@ def _machine(
         "driver": driver.replace("_", " "),
         "course": _small_course(history),
         "alarm_from": epoch.alarm_from(component) if epoch.identity else math.nan,
-        "last": found[record].observation.when if record in found else record,
+        "last": found[record].when if record in found else record,
         "reported": reported,
         "report": quote(report.relative_to(folder).as_posix()) if report.is_file() else "",
         "command": shlex.join(command) if reported.endswith((".h5", ".hdf5")) else "",
@@ -146,7 +146,7 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
     )
     epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
     judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
-    drivers = driving_series(epoch, judged[-1].observation, component, most=_PANELS) if judged else ()
+    drivers = driving_series(epoch, judged[-1], component, most=_PANELS) if judged else ()
     if drivers:
         panels = _panels(epoch, kept, days, drivers)
         alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."
@@ -204,7 +204,7 @@ def _panels(
     """Return the series with the largest deviations, each in its unit against time."""
     center = dict(zip(epoch.series, epoch.learned[0].raw.center.tolist(), strict=True))
     panels = []
-    for key, values in zip(drivers, np.exp([vector(one.observation.values, drivers) for one in kept]).T, strict=True):
+    for key, values in zip(drivers, np.exp([vector(one.values, drivers) for one in kept]).T, strict=True):
         title = f"{key.words.replace('_', ' ').replace('rms', 'RMS')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {_unit(key.unit)}"
         panels.append({"title": title, "normal": math.exp(center[key]), **_curve(days, values)})
@@ -221,5 +221,5 @@ def _stems(judged: Sequence[StoredRecord], channel: str, spectrum: str) -> dict[
             return {}
         found[which] = {"x": packed(one.orders[those]), "y": packed(one.lines.values[those, 0])}
         found["unit"] = f"amplitude, {_unit(one.lines.keys[those[0]][-1])}"
-        found[f"{which}Name"] = f"{which}{' judged' if which == 'first' else ''}, {_short(one.observation.when)}"
+        found[f"{which}Name"] = f"{which}{' judged' if which == 'first' else ''}, {_short(one.when)}"
     return found

@@ -9,8 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import version
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,6 @@ from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.series import (
     WHOLE_SIGNAL,
     Series,
-    SeriesValues,
     component_parts,
     layout_of,
     limit_table,
@@ -81,7 +79,7 @@ class Epoch:
     def learn(self, machine: str, settings: MonitorSettings) -> None:
         """Learn the baseline from the collected records, and discard them."""
         seen = self.pending
-        every = tuple(sorted(set().union(*(one.values for one in seen))))
+        every = tuple(sorted(set().union(*(one.values.keys for one in seen))))
         values = np.array([vector(one.values, every) for one in seen])
         kept = np.isfinite(values).sum(axis=0) * 2 >= len(seen)
         self.series = tuple(key for key, keep in zip(every, kept, strict=True) if keep)
@@ -127,7 +125,7 @@ class Epoch:
     def alarm_from(self, component: str) -> float:
         """Return the rise of all indicators of one kind of a component, times normal, that two records alarm at."""
         (normal, limits), places = self.learned, [n for n, name in enumerate(self.names) if name == component]
-        rise = fused_scores(1 / normal.series.scale, normal.layout.kinds)
+        rise = fused_scores(1 / normal.series.scale, normal.layout)
         limit = limits.limits[0, : rise.size] * self.headroom[: rise.size] * normal.score_scale + normal.score_center
         return math.exp(np.nanmin((limit / rise)[places])) if places else math.nan
 
@@ -298,11 +296,9 @@ def _nothing_new(state: MachineState, seen: Observation) -> str:
     """Return why a record is a repetition or comes too late, or an empty string; keep its digest."""
     if seconds_since_1970(seen.recorded_at) < state.last_seconds:
         return f"recorded at {seen.recorded_at}, before the latest record; pass records in chronological order"
-    if not seen.values:
+    if not seen.values.keys:
         return ""
-    values = seen.values
-    numbers = values.numbers if isinstance(values, SeriesValues) else np.array(list(values.values()))
-    digest = hashlib.sha256(np.sort(numbers).tobytes()).hexdigest()[:16]
+    digest = hashlib.sha256(np.sort(seen.values.values).tobytes()).hexdigest()[:16]
     if digest in (*state.learned, state.latest):
         return "watched before: its indicators are identical to those of an earlier record"
     state.latest = digest
@@ -403,8 +399,7 @@ def _of_charts(
     state: MachineState, number: int, seen: Observation, reading: Reading, indices: Array, found: Judgement
 ) -> dict[str, _Shown]:
     """Return what a record shows of the components that an epoch governs, and enter it into the judgement."""
-    epoch, shown = state.epochs[number], {}
-    ranked, closeness = _ranked(epoch, reading), np.nan_to_num(indices, nan=-np.inf).tolist()
+    epoch, shown, closeness = state.epochs[number], {}, np.nan_to_num(indices, nan=-np.inf).tolist()
     for name, places in epoch.watched.items():
         component, _, what = name.partition(": ")
         if state.epoch_of(component) != number:
@@ -413,11 +408,10 @@ def _of_charts(
         charts, diagnosed = float(indices[place]), component in seen.diagnosed and not what
         index = max(1.0, charts) if diagnosed else charts  # at the limit because of the verdict alone
         found.index[name], found.scores[name] = index, float(reading.scores[places[0]])
-        found.growth[name], found.ratio[name] = _driver(epoch, reading, name, ranked[place][0])
         severity = "sensor" if what else "severe" if index >= SEVERE else "alarm"
-        drivers = [found.growth[name][:2]]
-        if index >= 1 and not what:
-            drivers = [_driver(epoch, reading, name, i)[0][:2] for i in ranked[place][:_DRIVERS] if i >= 0]
+        driving = _drivers(epoch, reading, name, place)
+        found.growth[name], found.ratio[name] = driving[0]
+        drivers = [growth[:2] for growth, _ in driving]
         if diagnosed:
             drivers.insert(0, (drivers[0][0], epoch.verdict_words(component)))
             severity = severity if charts >= 1 else "verdict"
@@ -478,32 +472,30 @@ def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> di
         "recorded_at": seen.recorded_at,
         "since": state.alarms[name].since or seen.when,
         "value": shown.value,
-        "false_alarm_every": state.settings.false_alarm_every,
         "severity": shown.severity,
         "state": RAISED,
         "consequences": "",
         "baseline": shown.baseline,
-        "version": version("hums-toolkit"),
     }
 
 
-def _ranked(epoch: Epoch, reading: Reading) -> list[list[int]]:
-    """Return the series of each score, the largest deviation first; -1 fills up, and stands for a level."""
-    components = epoch.learned[0].layout.of_components
-    order = np.argsort(-components.table(reading.departures), axis=1, kind="stable")  # NaN last
-    ranked: list[list[int]] = np.take_along_axis(components.series, order, axis=1).tolist()
-    return ranked + [[-1]] * (2 * len(epoch.channels))
+def _ranked(epoch: Epoch, reading: Reading, place: int) -> list[int]:
+    """Return the series of a component's score, the largest deviation first; what is not known is last."""
+    those = epoch.learned[0].layout.series[place]
+    ranked: list[int] = those[np.argsort(-reading.departures[those], kind="stable")].tolist()
+    return ranked
 
 
-def _driver(epoch: Epoch, reading: Reading, name: str, series: int) -> tuple[tuple[str, str, float], float]:
-    """Return channel, indicator, deviation and ratio to normal of a series; of a level instead where `name` has one."""
+def _drivers(epoch: Epoch, reading: Reading, name: str, place: int) -> list[tuple[tuple[str, str, float], float]]:
+    """Return channel, indicator, deviation and ratio to normal of what drives a score, the largest deviation first."""
     component, _, what = name.partition(": ")
     if what:
         channel = component.removeprefix("sensor ")
         level = float(reading.level[epoch.channels.index(channel)])
-        return (channel, what, level), math.exp(level)
-    key, departure = epoch.series[series], float(reading.departures[series])
-    return (key.channel, key.words, departure), math.exp(reading.growth[series])
+        return [((channel, what, level), math.exp(level))]
+    ranked = _ranked(epoch, reading, place)[:_DRIVERS]
+    driving = [(epoch.series[i], float(reading.departures[i]), math.exp(reading.growth[i])) for i in ranked]
+    return [((key.channel, key.words, departure), ratio) for key, departure, ratio in driving]
 
 
 def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:
@@ -511,8 +503,7 @@ def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int
     if component not in epoch.names:
         return ()
     reading = epoch.read(seen)
-    ranked = _ranked(epoch, reading)[epoch.names.index(component)]
-    known = [i for i in ranked if i >= 0 and math.isfinite(reading.departures[i])]
+    known = [i for i in _ranked(epoch, reading, epoch.names.index(component)) if math.isfinite(reading.departures[i])]
     return tuple(epoch.series[i] for i in known[:most])
 
 
@@ -569,11 +560,6 @@ def _logarithms(covariates: Array) -> Array:
 
 
 def _identity(machine: str, epoch: Epoch) -> str:
-    """Return twelve digits of a hash of a baseline's machine, records, series and numbers."""
-    normal, _ = epoch.learned
-    text = json.dumps([machine, epoch.records, [asdict(key) for key in epoch.series]], sort_keys=True)
-    numbers = (normal.series.center, normal.series.scale, normal.score_scale)
-    digest = hashlib.sha256(text.encode())
-    for each in numbers:
-        digest.update(np.ascontiguousarray(each, dtype="<f8").tobytes())
-    return digest.hexdigest()[:12]
+    """Return twelve digits of a hash of a baseline's machine, records and centres of its series."""
+    text = json.dumps([machine, epoch.records, epoch.learned[0].series.center.tolist()])
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.series import Series, joint_names, series_of
+from hums.fleet.series import NOTHING, Numbers, joint_names, series_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +23,8 @@ class Observation:
         Names and time as stated by the record; the time is empty without a date.
     regime : str
         Operating regime; empty if not stated.
-    values : mapping of Series to float
-        Logarithms of indicators and lines, without those of faulty sensors.
+    values : Numbers
+        Of each `Series`: logarithms of indicators and lines, without those of faulty sensors.
     covariates : mapping of str to float
         Operating conditions: speed in rev/s, and any measured torque, temperature and other quantities.
     faulty : mapping of str to str
@@ -39,7 +39,7 @@ class Observation:
     record: str
     recorded_at: str = ""
     regime: str = ""
-    values: Mapping[Series, float] = field(default_factory=dict)
+    values: Numbers = NOTHING
     covariates: Mapping[str, float] = field(default_factory=dict)
     faulty: Mapping[str, str] = field(default_factory=dict)
     unjudged: str = ""
@@ -64,7 +64,7 @@ def observation(row: Mapping[str, Any]) -> Observation:
         record=row["record"],
         recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
         regime=row.get("regime", ""),
-        values={} if unjudged else series_of(row, without=faulty),
+        values=NOTHING if unjudged else series_of(row, without=faulty),
         covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
         faulty=faulty,
         unjudged=unjudged,

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.observation import Observation, observation
-from hums.fleet.series import NOTHING, Numbers, shared
+from hums.fleet.series import NOTHING, Keys, Numbers, shared
 from hums.records.outputs import atomic_write
 
 _NUMBERS = ("lines", "indicators")  # of a row
 
 
 @dataclass(frozen=True, kw_only=True)
-class StoredRecord:
-    """One record: its facts, lines, indicators and findings.
+class StoredRecord(Observation):
+    """One record: what is monitored, and its lines, indicators and findings.
 
     ``lines`` has amplitude, ratio to the background, and 1 if identified; ``orders`` are those of the first record with
     such lines; ``indicators`` has their values; ``findings`` component, kind and verdict; ``not_judged`` component and
@@ -29,16 +29,12 @@ class StoredRecord:
     dataset.
     """
 
-    record: str
-    machine: str
-    recorded_at: str
-    error: str
-    speed_hz: float
+    error: str = ""
+    speed_hz: float = np.nan
     lines: Numbers
     orders: NDArray[np.float64]
     indicators: Numbers
-    findings: tuple[tuple[str, str, str], ...]
-    observation: Observation
+    findings: tuple[tuple[str, str, str], ...] = ()
     label: str = ""
     not_judged: tuple[tuple[str, str], ...] = ()
     parts_not_judged: str = ""
@@ -73,8 +69,8 @@ def read_row(path: Path) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=4096)
-def _keys(names: str) -> tuple[Any, ...]:
-    return tuple(map(tuple, json.loads(names)))
+def _keys(names: str) -> Keys:
+    return shared(tuple(map(tuple, json.loads(names))))
 
 
 def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
@@ -90,13 +86,13 @@ def _stored(path: Path, orders: dict[int, NDArray[np.float64]]) -> StoredRecord:
     row = read_row(path)
     lines, indicators = (row.get(name, NOTHING) for name in _NUMBERS)
     return StoredRecord(
-        **{name: row[name] for name in ("record", "machine", "recorded_at", "error")},
+        **vars(observation(row)),
+        error=row["error"],
         speed_hz=row.get("speed_hz", np.nan),
         lines=Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32)),
         orders=orders.setdefault(id(lines.keys), lines.values[:, 0].copy()),
         indicators=Numbers(keys=indicators.keys, values=indicators.values[:, 0].astype(np.float32)),
         findings=tuple((component, kind, word) for component, kind, word, *_ in row.get("findings", ())),
-        observation=observation(row),
         label=row.get("class", ""),
         not_judged=shared(tuple(map(tuple, row.get("not_judged", ())))),
         parts_not_judged=row.get("parts_not_judged", ""),

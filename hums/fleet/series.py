@@ -2,11 +2,12 @@
 
 import json
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from itertools import compress
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +28,29 @@ INDICATOR = ("channel", "component", "kind", "indicator", "units")
 CONDITION = ("component", "kind")
 
 
+class Keys(tuple[Any, ...]):
+    """Keys of numbers: `shared` returns the same ones for equal tuples, so that caches compare them by identity."""
+
+    __slots__ = ()
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
+@lru_cache(maxsize=4096)
+def shared(keys: tuple[Any, ...]) -> Keys:
+    """Return the keys of a tuple, held once, so that what is derived from them is cached."""
+    return Keys(keys)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
-    """Numbers of a record (keys, columns) under keys that other records share: the same tuple for equal ones."""
+    """Numbers of a record (keys, ...) under keys that other records share."""
 
-    keys: tuple[Any, ...]
+    keys: Keys
     values: NDArray[Any]
 
 
-NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))  # of a record without lines or indicators
+NOTHING = Numbers(keys=shared(()), values=np.zeros((0, 4)))  # of a record without lines or indicators
 
 
 def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
@@ -45,14 +60,7 @@ def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
     return Numbers(keys=shared(tuple(row[:names] for row in taken)), values=values)
 
 
-@lru_cache(maxsize=256)
-def shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the first tuple equal to this one, so that it is held once, and results derived from it are cached."""
-    return keys
-
-
-@dataclass(frozen=True, kw_only=True, order=True)
-class Series:
+class Series(NamedTuple):
     """One number of every record of a machine: its channel, component, indicator and unit."""
 
     channel: str
@@ -74,25 +82,7 @@ class Series:
         return 2 if self.unit.endswith("2") and not self.unit.endswith("-2") else 1
 
 
-class SeriesValues(Mapping[Series, float]):
-    """Values (series,) with their series, one tuple shared by all records with the same series."""
-
-    def __init__(self, series: tuple[Series, ...], numbers: NDArray[np.float64]) -> None:
-        self.series, self.numbers = series, numbers
-
-    def __getitem__(self, key: Series) -> float:
-        if key not in self.series:
-            raise KeyError(key)
-        return float(self.numbers[self.series.index(key)])
-
-    def __iter__(self) -> Iterator[Series]:
-        return iter(self.series)
-
-    def __len__(self) -> int:
-        return len(self.series)
-
-
-def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> SeriesValues:
+def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Numbers:
     """Return the logarithms of the positive indicators and lines of one record's results, `without` some channels.
 
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
@@ -100,7 +90,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
     """
     indicators, lines = (row.get(name, NOTHING) for name in ("indicators", "lines"))
     joint = tuple(sorted(joint_names(row).items()))
-    plan = _plan(_Same(indicators.keys), _Same(lines.keys), joint, frozenset(without))
+    plan = _plan(indicators.keys, lines.keys, joint, frozenset(without))
     numbers = np.full(len(plan.series), np.nan)
     there = plan.of_indicators >= 0
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -113,20 +103,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
             sums = np.bincount(groups, weights=table[known, column] ** 2, minlength=len(count))
             numbers[places] = np.log(sums / count) / 2
     kept = np.isfinite(numbers) & plan.watched
-    return SeriesValues(_some(_Same(plan.series), kept.tobytes()), numbers[kept])
-
-
-class _Same:
-    """Wrapper compared by identity, so that a cache does not compare hundreds of series."""
-
-    def __init__(self, thing: Any) -> None:  # noqa: ANN401
-        self.thing = thing
-
-    def __hash__(self) -> int:
-        return id(self.thing)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.thing is other.thing
+    return Numbers(keys=shared(tuple(compress(plan.series, kept))), values=numbers[kept])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +123,7 @@ class _Plan:
 
 
 @lru_cache(maxsize=256)
-def _plan(indicators: _Same, lines: _Same, joint: tuple[tuple[str, str], ...], without: frozenset[str]) -> _Plan:
+def _plan(indicators: Keys, lines: Keys, joint: tuple[tuple[str, str], ...], without: frozenset[str]) -> _Plan:
     names = dict(joint)
     places: dict[Series, int] = {}
     groups: dict[tuple[str, ...], int] = {}
@@ -158,10 +135,10 @@ def _plan(indicators: _Same, lines: _Same, joint: tuple[tuple[str, str], ...], w
 
     of_indicators = [
         -1 if name in _OF_HISTORY else place(channel, component, kind, name, unit)
-        for channel, component, kind, name, unit in indicators.thing
+        for channel, component, kind, name, unit in indicators
     ]
     of_lines, line_places = [], []
-    for channel, spectrum, component, kind, _, _, unit in lines.thing:
+    for channel, spectrum, component, kind, _, _, unit in lines:
         group = (channel, spectrum, names.get(component, component), kind, unit)
         if group not in groups:
             groups[group] = len(groups)
@@ -178,15 +155,10 @@ def _plan(indicators: _Same, lines: _Same, joint: tuple[tuple[str, str], ...], w
 
 
 @lru_cache(maxsize=4096)
-def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
-    return tuple(key for key, keep in zip(series.thing, np.frombuffer(kept, dtype=np.bool_), strict=True) if keep)
-
-
-@lru_cache(maxsize=4096)
-def _places(there: _Same, wanted: _Same) -> NDArray[np.int64]:
+def _places(there: Keys, wanted: Keys) -> NDArray[np.int64]:
     """Return the indices of the requested series among others, -1 for missing ones."""
-    at = {key: place for place, key in enumerate(there.thing)}
-    return np.array([at.get(key, -1) for key in wanted.thing], dtype=np.int64)
+    at = {key: place for place, key in enumerate(there)}
+    return np.array([at.get(key, -1) for key in wanted], dtype=np.int64)
 
 
 def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
@@ -196,21 +168,21 @@ def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
     """
     lines: Numbers = row.get("lines", NOTHING)
     equal: dict[tuple[Any, ...], list[str]] = {}
-    for component, names, places in _bearings(_Same(lines.keys)):
+    for component, names, places in _bearings(lines.keys):
         equal.setdefault((names, lines.values[places, 0].tobytes()), []).append(component)
     groups = [sorted(names) for names in equal.values() if len(names) > 1]
     return {name: _JOINT + _AND.join(names) for names in groups for name in names}
 
 
 @lru_cache(maxsize=256)
-def _bearings(lines: _Same) -> list[tuple[str, tuple[Any, ...], NDArray[np.int64]]]:
+def _bearings(lines: Keys) -> list[tuple[str, tuple[Any, ...], NDArray[np.int64]]]:
     """Return each bearing, the orders of its lines, and their indices."""
     places: dict[str, list[int]] = {}
-    for number, (_, _, component, kind, *_) in enumerate(lines.thing):
+    for number, (_, _, component, kind, *_) in enumerate(lines):
         if kind in BEARING_KINDS:
             places.setdefault(component, []).append(number)
     return [
-        (component, tuple((*lines.thing[i][:2], *lines.thing[i][3:6]) for i in those), np.array(those))
+        (component, tuple((*lines[i][:2], *lines[i][3:6]) for i in those), np.array(those))
         for component, those in places.items()
     ]
 
@@ -222,11 +194,9 @@ def component_parts(component: str) -> tuple[str, ...]:
     return (component, *component.removeprefix(_JOINT).split(_AND))
 
 
-def vector(found: Mapping[Series, float], series: tuple[Series, ...]) -> NDArray[np.float64]:
+def vector(found: Numbers, series: tuple[Series, ...]) -> NDArray[np.float64]:
     """Return the values of some series, NaN if the record has none."""
-    if isinstance(found, SeriesValues):
-        return np.append(found.numbers, np.nan)[_places(_Same(found.series), _Same(series))]
-    return np.array([found.get(key, math.nan) for key in series], dtype=np.float64)
+    return np.append(found.values, np.nan)[_places(found.keys, shared(series))]
 
 
 def watched_component(key: Series) -> str:
@@ -300,7 +270,7 @@ def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float6
     usual = np.array([known.get(key.indicator, float(np.median(list(known.values())))) for key in series])
     lines = np.array([key.indicator in strong for key in series])
     for n in np.flatnonzero(lines).tolist():
-        ratio = over.get(replace(series[n], indicator=f"order_spectrum {LINE_RATIO}", unit="1"), 0.0)
+        ratio = over.get(series[n]._replace(indicator=f"order_spectrum {LINE_RATIO}", unit="1"), 0.0)
         noise, least = min(1.0, _WEAK * math.exp(-ratio)), strong[series[n].indicator]
         usual[n] = math.hypot(least, noise * math.sqrt(usual[n] ** 2 - least**2))
     least = np.where(lines, usual, 0.0)

@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from hums.fleet import monitor
+from hums.fleet import monitor, series
 from hums.fleet.monitor import MachineState
 from hums.fleet.monitor_settings import MonitorError
 from hums.records.outputs import atomic_write
 from signals.monitoring import health
 
-SCHEMA = "hums-watch/12"
+SCHEMA = "hums-watch/13"
 _KINDS: Mapping[str, Any] = {
-    name: kind for part in (health, monitor) for name, kind in vars(part).items() if is_dataclass(kind)
+    name: kind for part in (health, monitor, series) for name, kind in vars(part).items() if is_dataclass(kind)
 }
+_SEQUENCES: Mapping[str, Any] = {"list": list, "tuple": tuple, "Keys": series.shared, "Series": series.Series._make}
 
 
 def write_state(state: MachineState, path: Path) -> None:
@@ -74,7 +75,6 @@ def _decoded(thing: Any) -> Any:  # noqa: ANN401
         return np.array([math.nan if x is None else x for x in values], dtype=dtype).reshape(shape)
     if kind == "dict":
         return {_decoded(key): _decoded(value) for key, value in rest[0]}
-    if kind in ("list", "tuple"):
-        found = [_decoded(one) for one in rest[0]]
-        return tuple(found) if kind == "tuple" else found
+    if kind in _SEQUENCES:
+        return _SEQUENCES[kind](tuple(_decoded(one) for one in rest[0]))
     return _KINDS[kind](**{name: _decoded(value) for name, value in rest[0].items()})

@@ -3,9 +3,9 @@
 import csv
 import io
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
@@ -21,7 +21,7 @@ from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree
 from signals.monitoring.forecast import time_until
-from signals.monitoring.slopes import FEWEST, series_slopes
+from signals.monitoring.slopes import FEWEST, Slopes, series_slopes
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def write_tables(
 ) -> str:
     """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the results of the records.
 
-    Return the reason why no series has a trend, or an empty string.
+    Return `NO_TRENDS` if no series has one, else an empty string.
 
     `health` has, by name of record, the reason why it was not judged and the condition indices of its components;
     `limits` has the limit of each machine for forecasts.
@@ -58,13 +58,10 @@ def write_tables(
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
-    rows = sorted(
-        _series_trends(table, limits or {}), key=lambda row: np.nan_to_num(row["adjusted_p"], nan=2.0)
-    )  # untested last
+    untested_last = partial(np.nan_to_num, nan=2.0)
+    rows = sorted(_trends(table, limits or {}), key=lambda row: untested_last(row["adjusted_p"]))
     write_rows(folder / "trends.csv", _TREND_COLUMNS, rows)
-    if any(row["adjusted_p"] >= 0 for row in rows):
-        return ""
-    return _reason_for_no_trends(table.isel(record=table["error"].to_numpy() == ""))
+    return "" if any(row["adjusted_p"] >= 0 for row in rows) else NO_TRENDS
 
 
 def columns_of(keys: Sequence[tuple[Key, ...]]) -> tuple[tuple[Key, ...], list[NDArray[np.int64]]]:
@@ -109,7 +106,7 @@ def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, An
     return xr.Dataset(
         {
             "class": ("record", np.array([one.label for one in records], dtype=np.str_)),
-            "regime": ("record", np.array([one.observation.regime for one in records], dtype=np.str_)),
+            "regime": ("record", np.array([one.regime for one in records], dtype=np.str_)),
             "not_judged": ("record", np.array([one["why"] for one in judged], dtype=np.str_)),
             "parts_not_judged": ("record", np.array([one.parts_not_judged for one in records], dtype=np.str_)),
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
@@ -196,26 +193,11 @@ def _number(value: float, digits: int = 7) -> str:
 # ---- trends ------------------------------------------------------------------------------------------------
 
 
-_TREND_COLUMNS = (
-    "machine",
-    "regime",
-    "series",
-    "units",
-    "records",
-    "median",
-    "change",
-    "slope_per_day",
-    "slope_low",
-    "slope_high",
-    "p_value",
-    "adjusted_p",
-    "trend",
-    "form",
-    "days_until_limit",
-    "days_low",
-    "days_high",
-    "no_forecast",
+NO_TRENDS = (
+    f"no trends: a machine needs {FEWEST} records with different times (recorded_at; hums convert --recorded-at), "
+    "and a series that varies"
 )
+_FORECAST = ("days_until_limit", "days_low", "days_high", "no_forecast")
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
@@ -227,43 +209,35 @@ def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, A
             writer.writerow({name: _number(x, 6) if isinstance(x, float) else plain_cell(x) for name, x in row.items()})
 
 
-def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
-    """Yield a row of ``trends.csv`` for each series that varies, by machine and regime."""
-    days, machines = days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
-    watched = [f"health: {name}" for name in table["watched"].to_numpy()]
-    blocks = [
-        (_titles(table, "indicator"), table["indicator_units"].to_numpy(), table["value"].to_numpy()),
-        (_titles(table, "line"), table["line_units"].to_numpy(), table["amplitude"].to_numpy()),
-        (watched, np.full(len(watched), "deviations"), table["score"].to_numpy()),
-    ]
-    titles = [title for names, _, _ in blocks for title in names]
-    units = [str(unit) for _, those, _ in blocks for unit in those]
-    values = np.concatenate([block[2] for block in blocks], axis=1).astype(np.float64)
-    scored = len(titles) - len(watched)
-    regimes = table["regime"].to_numpy()
+def _trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
+    """Yield a row of ``trends.csv`` for each series that varies, by machine and regime; scores have a limit."""
+    days, watched = days_since_1970(table["recorded_at"].to_numpy()), table["watched"].to_numpy().tolist()
+    series = [*_titles(table, "indicator"), *_titles(table, "line"), *(f"health: {name}" for name in watched)]
+    units = [*table["indicator_units"].data, *table["line_units"].data, *["deviations"] * len(watched)]
+    numbers = [table[name].to_numpy() for name in ("value", "amplitude", "score")]
+    values, scored = np.concatenate(numbers, axis=1, dtype=np.float64), len(series) - len(watched)
+    machines, regimes = table["machine"].to_numpy(), table["regime"].to_numpy()
     for machine, regime in dict.fromkeys(zip(machines.tolist(), regimes.tolist(), strict=True)):
         rows = np.flatnonzero((machines == machine) & (regimes == regime) & np.isfinite(days))
         rows = rows[np.argsort(days[rows], kind="stable")]
-        if rows.size >= FEWEST_SHOWN and np.ptp(days[rows]):
-            for row in _machine_trends(values[rows], days[rows], titles, units, scored, limits.get(machine, np.inf)):
-                yield {"machine": machine, "regime": regime} | row
+        if rows.size < FEWEST_SHOWN or not np.ptp(days[rows]):
+            continue
+        known, times = values[rows], days[rows]
+        found = series_slopes(known, times)
+        columns = {"series": series, "units": units} | _columns(found, np.arange(len(series)) >= scored)
+        varies = (found.points >= FEWEST_SHOWN) & (np.isfinite(known) & (known != found.median)).any(axis=0)
+        for number in np.flatnonzero(varies).tolist():
+            row = {name: column[number] for name, column in columns.items()}
+            if number >= scored and np.isfinite(found.slope[number]):
+                row |= _forecast(known[:, number], times, limits.get(machine, np.inf))
+            yield {"machine": machine, "regime": regime} | row
 
 
-def _machine_trends(
-    values: Array,
-    days: Array,
-    titles: Sequence[str],
-    units: Sequence[str],
-    scored: int,
-    limit: float,
-) -> Iterator[dict[str, Any]]:
-    """Yield the rows of one machine; series from `scored` on are scores, which have a limit."""
-    found = series_slopes(values, days)
-    sure, is_score = found.discovery_rate < SIGNIFICANCE, np.arange(len(titles)) >= scored
+def _columns(found: Slopes, is_score: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+    """Return the columns of ``trends.csv`` for series with these slopes."""
+    sure = found.discovery_rate < SIGNIFICANCE
     trends = ["too few to test", "none", "rising"], [np.isnan(found.slope), ~sure, found.rises]
-    columns: dict[str, Any] = {
-        "series": titles,
-        "units": units,
+    return {
         "records": found.points,
         "median": found.median,
         "change": found.last / np.where(~is_score & (found.first > 0), found.first, np.nan),
@@ -275,11 +249,13 @@ def _machine_trends(
         "trend": np.select(trends[1], trends[0], "falling"),
         "form": np.where(sure, found.form, ""),
     }
-    varies = (found.points >= FEWEST_SHOWN) & (np.isfinite(values) & (values != found.median)).any(axis=0)
-    for number in np.flatnonzero(varies).tolist():
-        forecast = is_score[number] and np.isfinite(found.slope[number])
-        row = {name: column[number] for name, column in columns.items()}
-        yield row | (_forecast(values[:, number], days, limit) if forecast else {})
+
+
+_TREND_COLUMNS = (
+    *("machine", "regime", "series", "units"),
+    *_columns(series_slopes(np.zeros((0, 0)), np.zeros(0)), np.zeros(0, dtype=np.bool_)),
+    *_FORECAST,
+)
 
 
 def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
@@ -289,16 +265,5 @@ def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
     try:
         ahead = time_until(limit, series[distinct], days[distinct])
     except ValueError as error:
-        return {"no_forecast": str(error)}
-    median, low, high, reason = astuple(ahead)
-    return {"days_until_limit": median, "days_low": low, "days_high": high, "no_forecast": reason}
-
-
-def _reason_for_no_trends(table: xr.Dataset) -> str:
-    dated = np.isfinite(days_since_1970(table["recorded_at"].to_numpy()))
-    if table.sizes["record"] and not dated.any():
-        return "no trends: no record states its time; give recorded_at (hums convert --recorded-at)"
-    most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
-    if most < FEWEST:
-        return f"no trends: a machine needs {FEWEST} records with recorded_at, and the largest number is {most}"
-    return f"no trends: no series has {FEWEST} different values at different times"
+        return {_FORECAST[-1]: str(error)}
+    return dict(zip(_FORECAST, astuple(ahead), strict=True))

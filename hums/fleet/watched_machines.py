@@ -1,6 +1,5 @@
 """Monitoring of the machines of a fleet: alarms, baselines and condition indices, written into a folder."""
 
-import hashlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +16,6 @@ from hums.fleet.monitor import Judgement, MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation, days_since_1970, order_key
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.state import write_state
 from hums.fleet.table import write_rows
 from hums.records.store import write_tree
 from signals.monitoring.slopes import series_slopes
@@ -80,20 +78,14 @@ class MachineHistory:
 
 
 def watch_machines(
-    records: Sequence[StoredRecord],
-    folder: Path,
-    *,
-    settings: MonitorSettings,
-    work: Sequence[Work] = (),
+    records: Sequence[StoredRecord], *, settings: MonitorSettings, work: Sequence[Work] = ()
 ) -> list[MachineHistory]:
-    """Return the histories of all machines, sorted by name, and keep their states in a folder.
+    """Return the histories of all machines, sorted by name.
 
     Parameters
     ----------
     records : sequence of StoredRecord
         All records, in any order.
-    folder : Path
-        Folder of the states.
     settings : MonitorSettings
         Settings of monitoring.
     work : sequence of Work
@@ -102,15 +94,10 @@ def watch_machines(
     machines: dict[str, list[StoredRecord]] = {}
     for one in records:
         machines.setdefault(one.machine, []).append(one)
-    folder.mkdir(parents=True, exist_ok=True)
-    found = []
-    for machine in sorted(machines):
-        ordered = sorted(machines[machine], key=lambda one: order_key(one.recorded_at, one.record))
-        name = hashlib.sha256(machine.encode()).hexdigest()[:16]
-        history = MachineHistory(state=MachineState(machine=machine, settings=settings))
-        history.follow((one.observation for one in ordered), work)
-        write_state(history.state, folder / f"{name}.state.gz")
-        found.append(history)
+    found = [MachineHistory(state=MachineState(machine=machine, settings=settings)) for machine in sorted(machines)]
+    for history in found:
+        seen = machines[history.state.machine]
+        history.follow(sorted(seen, key=lambda one: order_key(one.recorded_at, one.record)), work)
     return found
 
 

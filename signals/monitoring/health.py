@@ -5,9 +5,10 @@ level of the channel, which is monitored separately for rises and sudden falls, 
 judged. A drifting gain is therefore not mistaken for a fault.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,37 +24,14 @@ _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind,
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kinds:
-    """Series of each kind of all components as one table, so that one sort serves all.
-
-    Attributes
-    ----------
-    series : (kinds, width) array
-        Series of each kind, padded with -1.
-    sizes : (kinds,) array
-        Number of series of each kind.
-    first : (components,) array
-        First kind of each component.
-    """
-
-    series: Indices
-    sizes: Indices
-    first: Indices
-
-    def table(self, values: Array) -> Array:
-        """Return values (..., series) by kind (..., kinds, width), padded with NaN."""
-        return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], axis=-1)[..., self.series]
+def _padded(rows: Iterable[Indices]) -> Indices:
+    """Return rows of places as one table (rows, width), so that one sort serves all; -1 fills it up."""
+    return np.array(list(zip_longest(*rows, fillvalue=-1)), dtype=np.int64).T
 
 
-def kinds_of(groups: Sequence[Sequence[Indices]]) -> Kinds:
-    """Return the table of the series of each kind of each component; a component has at least one kind."""
-    sizes = np.array([kind.size for kinds in groups for kind in kinds], dtype=np.int64)
-    series = np.full((sizes.size, max(sizes, default=0)), -1, dtype=np.int64)
-    for row, kind in zip(series, (kind for kinds in groups for kind in kinds), strict=True):
-        row[: kind.size] = kind
-    first = np.cumsum([0, *(len(kinds) for kinds in groups)])[:-1]
-    return Kinds(series=series, sizes=sizes, first=first.astype(np.int64))
+def _at(places: Indices, values: Array) -> Array:
+    """Return values (..., series) at a table of places (..., rows, width), NaN where it is filled up."""
+    return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], axis=-1)[..., places]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,19 +56,24 @@ class Layout:
     groups: tuple[int, ...] = ()
 
     @cached_property
-    def kinds(self) -> Kinds:
-        """Series of each kind of all components."""
-        return kinds_of(self.components)
+    def kinds(self) -> Indices:
+        """Series (kinds, width) of each kind of all components, filled up with -1."""
+        return _padded(kind for kinds in self.components for kind in kinds)
 
     @cached_property
-    def of_components(self) -> Kinds:
+    def first(self) -> Indices:
+        """First kind (components,) of each component."""
+        return np.cumsum([0, *(len(kinds) for kinds in self.components)])[:-1]
+
+    @cached_property
+    def series(self) -> tuple[Indices, ...]:
         """Series of each component, of all its kinds."""
-        return kinds_of([[np.concatenate(kinds)] for kinds in self.components])
+        return tuple(map(np.concatenate, self.components))
 
     @cached_property
-    def levels(self) -> Kinds:
-        """Series of each channel whose common level is its gain."""
-        return kinds_of([[those] for those in self.channels])
+    def levels(self) -> Indices:
+        """Series (channels, width) of each channel whose common level is its gain, filled up with -1."""
+        return _padded(self.channels)
 
     @cached_property
     def channel_of(self) -> Indices:
@@ -103,7 +86,7 @@ class Layout:
     @property
     def sizes(self) -> Array:
         """Number of series of each component."""
-        return np.array([sum(kind.size for kind in kinds) for kinds in self.components], dtype=np.float64)
+        return np.array([those.size for those in self.series], dtype=np.float64)
 
     @property
     def group_of(self) -> tuple[int, ...]:
@@ -173,7 +156,7 @@ class Normal:
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
         corrected = _without(values, level, self.layout)
         departures = self.series.standardised(corrected, covariates) / _wider(self.series, covariates)
-        fused = fused_scores(departures, self.layout.kinds)
+        fused = fused_scores(departures, self.layout)
         before = np.zeros_like(level) if recent is None else recent
         rise, fall = watched[0] / self.level_scale[0], (before - watched[1]) / self.level_scale[1]
         levels = np.concatenate([rise, fall], axis=-1) / _wider(self.raw, covariates)
@@ -223,7 +206,7 @@ def learn_normal(
     series = learned(corrected, covariates, prior_scale=prior.series, least_scale=prior.least)
     new = out_of_sample(records, _each(series.leverage, covariates, axis=-1))
     departures = _each(series.standardised, corrected, covariates) * new[..., None]
-    fused = fused_scores(departures, layout.kinds)
+    fused = fused_scores(departures, layout)
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
     scores = learned(fused, nothing, prior_scale=prior.score)
@@ -285,7 +268,7 @@ def _levels(departures: Array, layout: Layout) -> list[Array]:
     """Return `_QUANTILES` of the deviations (..., channels) of the series with the signal's unit."""
     if not layout.channels:
         return [np.zeros((*departures.shape[:-1], 0)) for _ in _QUANTILES]
-    ordered = np.sort(layout.levels.table(departures / np.maximum(layout.powers, 1)), axis=-1)  # NaN last
+    ordered = np.sort(_at(layout.levels, departures / np.maximum(layout.powers, 1)), axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)[..., None]
     last = np.maximum(count - 1, 0)
     place = _QUANTILES * last
@@ -302,7 +285,7 @@ def _without(values: Array, level: Array, layout: Layout) -> Array:
     return np.asarray(values - known[..., layout.channel_of] * layout.powers)
 
 
-def fused_scores(departures: Array, kinds: Kinds) -> Array:
+def fused_scores(departures: Array, layout: Layout) -> Array:
     """Return the score of each component: the maximum over its kinds of the mean of their largest third.
 
     A compromise between the mean of all, which is best if all rise, and the largest, which is best if one does; a
@@ -313,23 +296,23 @@ def fused_scores(departures: Array, kinds: Kinds) -> Array:
     ----------
     departures : (..., series) array
         Standardised indicators; NaN where missing.
-    kinds : Kinds
+    layout : Layout
         Series of each kind of each component.
 
     Returns
     -------
     (..., components) array
     """
-    if not kinds.first.size:
+    if not layout.components:
         return np.zeros((*departures.shape[:-1], 0))
-    ordered = np.sort(-kinds.table(departures), axis=-1)  # NaN last
+    ordered = np.sort(-_at(layout.kinds, departures), axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)
     taken = np.ceil(count * _LARGEST)
     among = np.arange(ordered.shape[-1]) < taken[..., None]
     total = -np.add.reduce(ordered, axis=-1, where=among)
-    enough = (count > 0) & (count * 2 >= kinds.sizes)
+    enough = (count > 0) & (count * 2 >= (layout.kinds >= 0).sum(axis=1))
     found = np.where(enough, total / np.maximum(taken, 1), np.nan)
-    return np.asarray(np.fmax.reduceat(found, kinds.first, axis=-1))
+    return np.asarray(np.fmax.reduceat(found, layout.first, axis=-1))
 
 
 def out_of_sample(records: int, leverage: Array) -> Array:

@@ -3,7 +3,7 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
-from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
+from fleets import FIRST, HEALTHY, PINION, alarms, followed, items, observed, valued
 
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
@@ -77,7 +77,7 @@ class TestRegimes:
         regime = regime or ("hover", "cruise")[number % 2]
         seen = observed(number, **fault)
         level = 4.0 * (regime == "cruise")
-        return replace(seen, regime=regime, values={key: value + level for key, value in seen.values.items()})
+        return replace(seen, regime=regime, values=valued({key: value + level for key, value in items(seen)}))
 
     def flights(self, stop):
         return [self.flown(number) for number in range(stop)]
@@ -127,8 +127,8 @@ class TestCauses:
                 observed(number, **PINION | {"shift": 2.0}),
                 observed(number, component="stage 1/wheel", shift=wheel),
             )
-            values = {key: (other if key.component == "stage 1/wheel" else one).values[key] for key in one.values}
-            yield replace(one, values=values, diagnosed=diagnosed)
+            values = dict(items(one)) | {key: x for key, x in items(other) if key.component == "stage 1/wheel"}
+            yield replace(one, values=valued(values), diagnosed=diagnosed)
 
     def test_what_rises_less_follows_from_the_standing_alarm(self):
         state, found = followed([*HEALTHY, *self.both(range(40, 46), wheel=1.0)])
@@ -169,7 +169,7 @@ def test_weak_evidence_of_one_part_of_a_bearing_adds_up_to_one_alarm():
         for key in keys:
             if number >= 60 and key.kind == "outer_race" and key.indicator == "modulation":
                 values[key] += 1.5 * usual[key]
-        seen.append(Observation(machine="mill", record=str(number), values=values))
+        seen.append(Observation(machine="mill", record=str(number), values=valued(values)))
     state, found = followed(seen, settings=MonitorSettings(baseline_records=30))
     (alarm,) = alarms(found)
     assert (alarm["component"], alarm["severity"]) == ("bearing", "alarm")
@@ -190,7 +190,7 @@ class TestGate:
         assert state.unwatched_since == ""
 
     def test_a_sick_sensor_raises_its_own_alarm_and_no_other(self):
-        faulty = [replace(observed(number, faulty=("a",)), values={}) for number in range(40, 44)]
+        faulty = [replace(observed(number, faulty=("a",)), values=valued({})) for number in range(40, 44)]
         _, found = followed([*HEALTHY, *faulty])
         (alarm,) = alarms(found)
         assert (alarm["component"], alarm["indicator"], alarm["record"]) == ("sensor a", "health: clipped", "record 41")
@@ -206,7 +206,7 @@ class TestGate:
         steep = []
         for one in narrow:
             rise = 800 * np.log(one.covariates["speed_hz"] / 20)
-            steep.append(replace(one, values={key: value + rise for key, value in one.values.items()}))
+            steep.append(replace(one, values=valued({key: value + rise for key, value in items(one)})))
         settings = MonitorSettings(baseline_records=30)
         near, far = (replace(observed(40), covariates={"speed_hz": 20.0 * (1 + away)}) for away in (1e-4, 5e-3))
         assert followed([*steep, near], settings=settings)[1][-1].judged
@@ -254,7 +254,7 @@ class TestBaseline:
             bands = {f"rms {band}": level + 0.05 * rng.standard_normal() for band in range(4)}
             values = {Series(indicator=name, **key): value for name, value in bands.items()}
             when = (FIRST + timedelta(seconds=100 * number)).isoformat()
-            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=values))
+            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=valued(values)))
         _, found = followed(seen, settings=MonitorSettings(baseline_records=7))
         assert [alarm["component"] for alarm in alarms(found)] == ["record"]
 
@@ -273,7 +273,7 @@ class TestBaseline:
                 over = np.log(ratio) + level + 0.05 * rng.standard_normal()
                 values[Series(indicator="order_spectrum line_over_background", unit="1", **of)] = over
             when = (FIRST + timedelta(days=number)).isoformat()
-            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=values))
+            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=valued(values)))
         state, found = followed(seen, settings=MonitorSettings(baseline_records=5))
         assert [alarm["component"] for alarm in alarms(found)] == (["stage 0"] if alarmed else [])
         assert (state.epochs[0].alarm_from("stage 0") < rise) == alarmed
@@ -301,8 +301,8 @@ class TestMaintenance:
     @pytest.mark.parametrize("component", ["A", "B", "one of A, B"])
     def test_of_one_of_two_that_cannot_be_told_apart_both_are_learned_anew(self, component):
         course = [
-            replace(seen, values={replace(key, component=JOINT.get(key.component, key.component)): x
-                                  for key, x in seen.values.items()})
+            replace(seen, values=valued({key._replace(component=JOINT.get(key.component, key.component)): x
+                                          for key, x in items(seen)}))
             for seen in self.COURSE
         ]  # fmt: skip
         (alarm,) = alarms(followed(course)[1])

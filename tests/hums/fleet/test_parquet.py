@@ -5,7 +5,7 @@ from fleets import HEALTHY, kept
 
 from hums.fleet import parquet
 from hums.fleet.parquet import write_indicators
-from hums.fleet.series import Numbers
+from hums.fleet.series import Numbers, shared
 
 KEYS = (("a", "record", "channel", "rms", "g"), ("b", "stage 1/pinion", "gear", "fm4", "1"))
 
@@ -15,7 +15,7 @@ def records():
     for number, one in enumerate(found):
         keys = KEYS[: 1 + number % 2]
         values = np.arange(len(keys), dtype=np.float32) + 10 * number
-        object.__setattr__(one, "indicators", Numbers(keys=keys, values=values))
+        object.__setattr__(one, "indicators", Numbers(keys=shared(keys), values=values))
     return found
 
 

@@ -22,7 +22,8 @@ ROW = row_of(
 
 
 def test_logarithms_of_indicators_and_of_the_mean_square_of_lines():
-    found = {key.indicator: (value, key.power) for key, value in series_of(ROW).items()}
+    found = series_of(ROW)
+    found = {key.indicator: (value, key.power) for key, value in zip(found.keys, found.values, strict=True)}
     assert found == {
         "defect_energy": (pytest.approx(math.log(4)), 2),
         "envelope line_level": (pytest.approx(math.log(math.sqrt(12.5))), 1),
@@ -42,8 +43,8 @@ def test_bearings_of_the_same_orders_are_one_component():
     row = row_of(indicators, lines)
     joint = "one of drive end, free end"
     assert joint_names(row) == dict.fromkeys(equal, joint)
-    assert {key.component for key in series_of(row)} == {joint, other}
-    assert len(series_of(row)) == 6
+    assert {key.component for key in series_of(row).keys} == {joint, other}
+    assert len(series_of(row).keys) == 6
     assert component_parts(joint) == (joint, *equal)
     lines[1][7] = 9.01  # a harmonic apart: they can be told apart
     assert joint_names(row_of(indicators, lines)) == {}
@@ -68,7 +69,7 @@ def test_how_far_one_tooth_stands_out_is_scored_with_the_teeth_and_not_with_the_
     (_, _, layout) = layout_of(keys)
     departures = np.zeros((1, len(keys)))
     departures[0, 9] = 8.0  # what a spall raises
-    assert fused_scores(departures, layout.kinds) == pytest.approx(np.array([[8.0]]))  # 2 among the gear's four largest
+    assert fused_scores(departures, layout) == pytest.approx(np.array([[8.0]]))  # 2 among the gear's four largest
 
 
 def test_the_evidence_of_each_part_of_a_bearing_is_a_score_of_its_own():
@@ -83,4 +84,4 @@ def test_the_evidence_of_each_part_of_a_bearing_is_a_score_of_its_own():
     names, _, layout = layout_of(keys)
     assert (names, layout.groups) == (("bearing",) * 3, (0, 1, 1))
     departures = np.array([3.0 * (key.kind == "outer_race" and key.indicator == "modulation") for key in keys])
-    assert fused_scores(departures, layout.kinds) == pytest.approx(np.array([3.0, 0.0, 3.0]))
+    assert fused_scores(departures, layout) == pytest.approx(np.array([3.0, 0.0, 3.0]))

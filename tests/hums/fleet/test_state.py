@@ -40,7 +40,7 @@ def test_its_size_does_not_grow(tmp_path):
     [
         b"nothing",
         gzip.compress(b"[]"),
-        gzip.compress(b'{"schema": "hums-watch/12", "state": ["array", "O", [2], [1]]}'),
+        gzip.compress(b'{"schema": "hums-watch/13", "state": ["array", "O", [2], [1]]}'),
         gzip.compress(b"[" * 100_000),
         gzip.compress(b"{}" * 1000)[:-20] + bytes(20),
     ],

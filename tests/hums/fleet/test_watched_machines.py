@@ -21,8 +21,8 @@ COURSE = [*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))]
 RECORDS = [kept(one) for one in COURSE]
 
 
-def watched(records, folder, **more):
-    return watch_machines(records, folder, settings=SETTINGS, **more)
+def watched(records):
+    return watch_machines(records, settings=SETTINGS)
 
 
 def tables(histories, folder):
@@ -34,13 +34,13 @@ def tables(histories, folder):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    histories = watched(RECORDS, folder / "watch")
+    histories = watched(RECORDS)
     return histories, tables(histories, folder), folder
 
 
 def test_any_order_of_the_records_gives_the_same(whole, tmp_path):
     shuffled = [RECORDS[number] for number in np.random.default_rng(1).permutation(len(RECORDS))]
-    assert tables(watched(shuffled, tmp_path / "watch"), tmp_path) == whole[1]
+    assert tables(watched(shuffled), tmp_path) == whole[1]
 
 
 def test_alarms_have_the_columns_and_name_their_baseline(whole):

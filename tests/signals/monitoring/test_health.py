@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from signals.monitoring.health import Layout, Prior, fused_scores, kinds_of, learn_normal, out_of_sample, regime
+from signals.monitoring.health import Layout, Prior, fused_scores, learn_normal, out_of_sample, regime
 
 SERIES = 12
 LAYOUT = Layout(
@@ -14,6 +14,10 @@ PRIOR = Prior(series=np.full(SERIES, 0.2), score=0.6, level=0.1, dof=8.0)
 
 def values(records, seed, *, sigma=0.2):
     return sigma * np.random.default_rng(seed).standard_normal((records, SERIES))
+
+
+def layout(*components):
+    return Layout(components=components, powers=np.zeros(40))
 
 
 def none(records):
@@ -64,7 +68,7 @@ def test_the_regime_is_what_was_learned_and_a_little_more():
 
 def test_the_mean_of_the_largest_third():
     departures = np.array([[1.0, 5, 2, 4, 0, -9], [np.nan, np.nan, 3, 1, 2, np.nan]])
-    found = fused_scores(departures, kinds_of([[np.arange(6)], [np.arange(2)]]))
+    found = fused_scores(departures, layout([np.arange(6)], [np.arange(2)]))
     assert found[0] == pytest.approx([4.5, 5.0])  # 5 and 4 of six; 5 of two
     assert found[1, 0] == 3.0  # one of three known
     assert np.isnan(found[1, 1])  # none of two known
@@ -74,10 +78,10 @@ def test_a_kind_is_not_diluted_by_the_others():
     departures = np.zeros(40)
     departures[:10] = 3.0
     ten = [np.arange(10 * kind, 10 * (kind + 1)) for kind in range(4)]
-    assert fused_scores(departures, kinds_of([ten])) == pytest.approx([3.0])
-    assert fused_scores(departures, kinds_of([[np.arange(40)]]))[0] == pytest.approx(30 / 14)  # of the largest 14
+    assert fused_scores(departures, layout(ten)) == pytest.approx([3.0])
+    assert fused_scores(departures, layout([np.arange(40)]))[0] == pytest.approx(30 / 14)  # of the largest 14
     departures[:6] = np.nan  # more than half of the kind
-    assert fused_scores(departures, kinds_of([ten])) == pytest.approx([0.0])
+    assert fused_scores(departures, layout(ten)) == pytest.approx([0.0])
 
 
 def test_departures_of_a_baseline_from_its_own_mean():
