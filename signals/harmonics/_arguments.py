@@ -57,7 +57,7 @@ def check_orders(
         raise ValueError("orders is empty; name at least one order to track, such as orders=[1].")
     if isinstance(phase_rad, Mapping):
         pairs = [_shaft_and_order(item, phase_rad) for item in orders]
-        angles = {name: check_phase(f"phase_rad[{name!r}]", phase_rad[name], samples) for name, _ in pairs}
+        angles = {name: check_phase(f"phase_rad[{name!r}]", phase_rad[name], samples) for name in dict(pairs)}
     else:
         pairs = [("", _order(item)) for item in orders]
         angles = {"": check_phase("phase_rad", phase_rad, samples)}

@@ -91,11 +91,6 @@ class Grid:
             counts[blocks] = self.counts(self.seen[samples].astype(np.float64), self.squares)
         return counts
 
-    @cached_property
-    def shares(self) -> Floats:
-        """(node,) array, the share of the samples under each triangular weight that are seen."""
-        return triangular(self.seen_counts) / self.length
-
     def taper(self, nodes: Flags, samples: slice) -> Floats:
         """(sample,) array, sum of the triangular weights of some nodes."""
         place = np.arange(samples.start, samples.stop) / self.length
@@ -104,7 +99,7 @@ class Grid:
     @cached_property
     def cut(self) -> Flags:
         """(node,) array, true where a weight is incomplete or a speed jumps."""
-        return (self.shares < 1 - self.tolerance) | self.jumps
+        return (triangular(self.seen_counts) / self.length < 1 - self.tolerance) | self.jumps
 
     def around(self, nodes: slice, memories: float) -> slice:
         """Return a range of nodes, widened by so many time constants."""

@@ -26,8 +26,8 @@ FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
 # estimates lie a hundredth of `std` from the exact ones.
 LONGEST_ONE_POLE = 1 / 200
-# Samples whose residuals are summed up, in evenly spread segments: enough to estimate the noise variance to 0.6 %.
-RESIDUAL_SAMPLES = 1 << 16
+# Samples whose residuals are summed up, in evenly spread segments: enough to estimate the noise variance to 1.1 %.
+RESIDUAL_SAMPLES = 1 << 14
 SEGMENTS = 16
 # Neighbours that leak more are coupled, whatever tolerance is given: to subtract more of them later costs more.
 LARGEST_LEAK = 1e-3
@@ -148,13 +148,14 @@ class BlockFit:
         explained = self.smoothed.explained.sum(axis=0)
         # With one pole half of a node's samples lie on either side, else all before it.
         explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
-        first = min(-(-startup // grid.length), grid.blocks - 1)
-        count = min(max(1, RESIDUAL_SAMPLES // SEGMENTS // grid.length), grid.blocks - first)
+        at_once, first = RESIDUAL_SAMPLES // SEGMENTS, min(-(-startup // grid.length), grid.blocks - 1)
+        count = min(-(-at_once // grid.length), grid.blocks - first)
         found, lost, orders = Innovations(np.zeros(len(grid.x))), 0.0, np.arange(model.orders.size)
         for start in np.unique(np.linspace(first, grid.blocks - count, SEGMENTS).astype(np.int64)).tolist():
-            samples = slice(start * grid.length, min((start + count) * grid.length, grid.samples))
+            begin, end = start * grid.length, min((start + count) * grid.length, grid.samples)
+            samples = slice(begin, min(begin + at_once, end))
             rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
             found.add(np.where(grid.seen[samples], rest, 0.0), grid.seen[samples])
-            lost += float(explained[start : start + count].sum())
+            lost += float(explained[start : start + count].sum()) * (samples.stop - begin) / (end - begin)
         found.square /= max(found.count - lost, 1.0) / max(found.count, 1)
         return found

@@ -145,8 +145,8 @@ def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats | None
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
 
-# Time constants about ends and gaps in which orders are smoothed jointly that leak into one another there, and outside
-# of what is smoothed jointly from which data are used: what is beyond has no effect.
+# Most time constants outside of what is smoothed jointly from which data are used, and about ends and gaps in which
+# orders are smoothed jointly that leak into one another there: after so many the largest leakage has faded.
 MEMORIES = 6.0
 # A round leaves of what it moved the share that an incomplete weight lets through of a line a turn or more a block off.
 LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
@@ -164,17 +164,15 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
     size = smoothed.size
     joints, left = _inside(grid, closeness, size)
     together = np.zeros((size.size, grid.nodes), dtype=np.bool_)  # where orders are smoothed with others
+    whole = np.zeros(grid.nodes, dtype=np.bool_)  # where all are one group, and no others are left to be subtracted
     for joint in joints:
         together[joint.group, joint.kept] = True
+        whole[joint.kept] |= joint.group.size == size.size
         smooth_jointly(grid, joint, grid.at_nodes(grid.moments[:, :, joint.group])[joint.nodes], smoothed)
-    near_ends, more = _near_ends(grid, closeness, size)
-    # where all orders are one group, no others are left to be subtracted
-    whole = [joint.kept for joint in joints if joint.group.size == size.size]
-    near_ends = [
-        joint for joint in near_ends if not any(k.start <= joint.kept.start < joint.kept.stop <= k.stop for k in whole)
-    ]
-    if whole == [slice(0, grid.nodes)]:
+    if whole.all():
         return left
+    near_ends, more = _near_ends(grid, closeness, size)
+    near_ends = [joint for joint in near_ends if not whole[joint.kept].all()]
     for joint in near_ends:
         together[joint.group, joint.kept] = True
     lone = np.flatnonzero(~together.all(axis=1))
@@ -221,12 +219,17 @@ def _near_ends(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joi
         return np.maximum(bandwidth.smoother_gain(distance), weight * np.abs(bandwidth.filter_gain(folded)))
 
     joints, left = list[Joint](), 0.0
-    for kept in _disturbed_runs(grid):
-        nearby = closeness.within(grid.samples_of(kept))
+    for cut in _cuts(grid):
+        nearby = closeness.within(grid.samples_of(grid.around(cut, MEMORIES)))
         here = nearby.received(near_ends, size, least=1 / grid.samples)
-        close = _split(nearby, coupled(here, size, grid.tolerance))
+        close, relative = _split(nearby, coupled(here, size, grid.tolerance)), leaks(here, size)
         left = max(left, left_over(here, size, close))
-        joints += [Joint(group, kept, grid.around(kept, MEMORIES)) for group in close]
+        for group in close:
+            # Leakage fades by a factor of e in each time constant: beyond so many, a third of the tolerance is left.
+            largest = relative[np.ix_(group, group)].max() / grid.tolerance
+            memories = min(1.0 + np.log(max(largest, 1.0)), MEMORIES)
+            kept = grid.around(cut, memories)
+            joints.append(Joint(group, kept, grid.around(kept, MEMORIES)))
     return joints, left
 
 
@@ -276,25 +279,23 @@ class WithoutOthers:
 
     def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""
-        waves = self._grid.waveforms(self._pieces, orders, samples)
-        return waves if self._nodes.all() else waves * self._grid.taper(self._nodes, samples)
+        return self._grid.waveforms(self._pieces, orders, samples) * self._grid.taper(self._nodes, samples)
 
 
 def _split(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
     """Return groups of orders that leak into one another, large ones divided by frequency."""
-    groups = []
+    groups = list[Indices]()
     for group in disturbed:
         by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]
-        parts = range(0, group.size, MOST_AT_ENDS)
-        groups += [np.sort(by_frequency[start : start + MOST_AT_ENDS]) for start in parts]
+        groups += [np.sort(part) for part in np.array_split(by_frequency, -(-group.size // MOST_AT_ENDS))]
     return groups
 
 
-def _disturbed_runs(grid: Grid) -> list[slice]:
-    """Return ranges of nodes some time constants about ends, gaps and jumps of a speed, joined where near."""
+def _cuts(grid: Grid) -> list[slice]:
+    """Return ranges of nodes about ends, gaps and jumps of a speed, joined where some time constants apart."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415 - slow to import
 
-    reach = grid.reach(MEMORIES)
-    near = minimum_filter1d(maximum_filter1d(grid.cut, 4 * reach + 1), 2 * reach + 1)
-    edges = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2)
+    window = 2 * grid.reach(MEMORIES) + 1
+    joined = minimum_filter1d(maximum_filter1d(grid.cut, window), window)
+    edges = np.flatnonzero(np.diff(joined, prepend=False, append=False)).reshape(-1, 2)
     return [slice(start, stop) for start, stop in edges.tolist()]

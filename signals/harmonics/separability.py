@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 
@@ -100,6 +101,19 @@ class Closeness:
         mean = np.flatnonzero(self.model.orders == 0)
         received[mean, mean] = 0.0
         return received
+
+    @cached_property
+    def ripple(self) -> float:
+        """Error of steady-state gains, as a part of the exact filter's error.
+
+        Other orders, and an order's own image, modulate its gain, each by the causal filter's gain at its least
+        distance in the record and at a beat frequency of its own: their squares add up. With more poles the closed loop
+        is closer to instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by
+        0.4 to 0.75 of this; from 1 on they may grow without bound.
+        """
+        ones = np.ones(self.model.orders.size)
+        received = self.received(lambda band, distance: np.abs(band.filter_gain(distance)), ones)
+        return sqrt(self.model.poles + 1) * float(np.linalg.norm(received, axis=1).max())
 
     def dwell(self) -> bool:
         """Return whether two orders stay within half a bandwidth of each other for 1 / bandwidth or longer."""

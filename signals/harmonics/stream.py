@@ -15,7 +15,7 @@ from signals._validation import choice, positive, whole
 from signals.harmonics import _arguments
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.separability import Closeness
-from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze, statistics
+from signals.harmonics.tracker import LARGEST_RIPPLE, squeeze, statistics
 from signals.harmonics.tracking_results import OrderTracks
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ class OrderTracker:
         steady = None
         if self._steady is not None:
             turned = np.column_stack([self._last_phase, phase]) if state.count else phase
-            error = ripple(Closeness.of(replace(model, phases=tuple(turned))))
+            error = Closeness.of(replace(model, phases=tuple(turned))).ripple
             if error <= LARGEST_RIPPLE:
                 steady, self._error_bound = self._steady, max(self._error_bound, error)
         estimate = filter_on(

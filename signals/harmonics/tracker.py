@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, sqrt
+from math import ceil
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -361,24 +361,6 @@ class _Task:
         """Frequency distances between the orders."""
         return Closeness.of(self.model)
 
-    @cached_property
-    def ripple(self) -> float:
-        """Error of steady-state gains in the record."""
-        return ripple(self.closeness)
-
-
-def ripple(closeness: Closeness) -> float:
-    """Return the error of steady-state gains, as a part of the exact filter's error.
-
-    Other orders, and an order's own image, modulate its gain, each by the causal filter's gain at its least distance in
-    the record and at a beat frequency of its own: their squares add up. With more poles the closed loop is closer to
-    instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by 0.4 to 0.75 of
-    this; from 1 on they may grow without bound.
-    """
-    model = closeness.model
-    received = closeness.received(lambda band, distance: np.abs(band.filter_gain(distance)), np.ones(model.orders.size))
-    return sqrt(model.poles + 1) * float(np.linalg.norm(received, axis=1).max())
-
 
 def _startup(task: _Task, seen: Flags, *, name: str) -> int:
     """Return the first sample whose innovation counts: after one time constant, or half of a short record."""
@@ -405,7 +387,7 @@ def _choose(method: Method | Literal["auto"], task: _Task, seen: Flags) -> Metho
         return method
     if task.estimator == "filter":
         # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
-        return "exact" if unsteady or task.ripple**2 / 4 > task.rtol else "fast"
+        return "exact" if unsteady or task.closeness.ripple**2 / 4 > task.rtol else "fast"
     # Measured cost: the phasors, the products of regressors, a smoother cubic in the state a node.
     products = model.order_of_column.size**2 * (2 * model.poles - 1)
     work = samples * (50 * model.orders.size + products + 5 * model.state_size**3 / exact_length(model, samples))
@@ -419,10 +401,10 @@ def _why_unsteady(task: _Task) -> str:
     """Return why the filter's gains have no usable steady state, or an empty string."""
     if task.model.bandwidth.shape[1] > 1:
         return "the bandwidth varies, and the gains with it"
-    if task.ripple > LARGEST_RIPPLE:
+    if task.closeness.ripple > LARGEST_RIPPLE:
         return (
             "orders come so close, to one another, to zero or to half of the rate, that steady-state gains would be "
-            f"off by {task.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
+            f"off by {task.closeness.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
         )
     return ""
 
@@ -432,7 +414,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> E
     model, every = task.model, task.output_every
     try:
         if task.estimator == "filter":
-            error = task.ripple if method == "fast" else None
+            error = task.closeness.ripple if method == "fast" else None
             return causal_filter(model, x, output_every=every, startup=startup, steady_error=error)
         if method == "fast":
             estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
