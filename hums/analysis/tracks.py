@@ -35,7 +35,7 @@ _CYCLES_A_BANDWIDTH = 8.0  # of a line in one over its bandwidth, so that it and
 _SLIP_CHANGE = 1e-3  # a revolution; as `track_slipping_order` advises for rolling bearings
 # steps of the smoother: to choose the bandwidth along a first path, where more change the amplitude by less than 1e-3
 # of its largest, and at it
-_FIRST_STEPS, _MOST_STEPS = 2, 100
+_FIRST_STEPS, _MOST_STEPS = 4, 100
 _MARGIN_ORDERS = 1.5  # above a line, for the noise next to it
 # what differs between segments of one track
 _OF_A_SEGMENT = ("track_order", "bandwidth_orders", "clipped_share", "level", "method")

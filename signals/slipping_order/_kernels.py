@@ -1,8 +1,9 @@
-"""Loops over samples and blocks of the extended Kalman filter and smoother of a slipping order; see `slip`.
+"""Loops over samples and blocks of the extended Kalman filter and smoother of a slipping order; see `slip_tracking`.
 
 A state is the real parts of A over the harmonics, their imaginary parts, the mean of the record, and the slip. The
-covariance filter of `signals.harmonics` runs through the samples, linearised at one state a block, and predicts from
-block to block; a Rauch-Tung-Striebel smoother runs backward.
+filter in information form, with J and j, and the smoother are those of `signals.harmonics.node_chain`, for differences
+from reference states: about these the record is linearised, and relative to their phase A is a random walk but for what
+a difference ds of the slip turns it: A_k by j k (order times step of the phase) ds A_k.
 """
 
 from typing import NamedTuple
@@ -11,173 +12,139 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled, compiled_sums_in_place
-from signals.harmonics._block_kernels import fill_phasors
-from signals.harmonics._filter_kernels import dot, project, update_covariance, update_mean
+from signals.harmonics._chain_kernels import filter_forward, smooth_backward
+from signals.harmonics._filter_kernels import dot
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 
 class SlipChain(NamedTuple):
-    """A record in blocks, divided by the standard deviation of its noise."""
+    """A record in blocks, divided by the standard deviation of its noise, and what the filter finds."""
 
     x: Floats  # (sample,), the record over the standard deviation of its noise
-    phase: Floats  # (sample,), angle of the shaft in rad
-    order: float  # of the fundamental, cycles per revolution
+    angle: Floats  # (sample,), order times the angle of the shaft, in rad
     edges: Whole  # (block + 1,), first samples of the blocks and one past the last
     centres: Whole  # (block,), their middle samples
-    turning: Floats  # (block,), `SlipRecord.turning` there
-    outputs: Whole  # (output,), the blocks that have an output
-    turns: Floats  # (block - 1,), order times the change of the phase from middle to middle
-    process: Floats  # (block - 1,), process-noise variances of a quadrature from block to block
-    slip_process: Floats  # (block - 1,), those of the slip
-    prior_mean: Floats  # (state,)
-    prior_std: Floats  # (state,)
+    process: Floats  # (block - 1, state), variances of the increments between blocks
+    states: Floats  # (block, state), the reference; of the extended filter, the estimates
+    slip_phase: Floats  # (block,), by which the reference has slipped in the middle of each block, in rad
+    J: Floats  # (state, state), information on the difference from the first state, in the end from the last
+    j: Floats  # (state, 1), the same
+    gains: Floats  # (block, state, state), of `filter_forward`; once estimates are known, their covariances
+    shares: Floats  # (block, state), of `filter_forward`
+    offsets: Floats  # (block, state, 1), of `filter_forward`; once smoothed, the differences of the estimates
 
 
 @compiled_sums_in_place
-def _linearise(chain: SlipChain, m: int, state: Floats, H: Floats, samples: Floats) -> int:
-    """Linearise block m at a state: fill H and the first of `samples`, `x - h(state) + H state`; return its length."""
-    first, harmonics = chain.edges[m], state.size // 2 - 1
-    count = int(chain.edges[m + 1] - first)
-    linear, lead, whole, cosine, sine = samples[0], samples[1], samples[2], samples[3], samples[4]
-    for n in range(count):
-        lead[n] = chain.order * (chain.phase[first + n] - chain.phase[chain.centres[m]])
-        whole[n] = chain.order * chain.phase[first + n] + state[-1] * lead[n]
-    fill_phasors(1.0, whole[:count], cosine, sine)
-    for n in range(count):
-        c, s = 1.0, 0.0
-        H[n, -2], H[n, -1] = 1.0, 0.0
+def _update(chain: SlipChain, m: int, h: Floats) -> float:
+    """Update by block m: J + H^T H, j + H^T e, with e = x - h(state) and H = dh / dstate; return the sum of e^2."""
+    state, size, harmonics = chain.states[m], h.size, h.size // 2 - 1
+    total, h[-2] = 0.0, 1.0
+    for n in range(chain.edges[m], chain.edges[m + 1]):
+        lead = chain.angle[n] - chain.angle[chain.centres[m]]
+        whole = chain.angle[n] + chain.slip_phase[m] + state[-1] * lead
+        cosine, sine = np.cos(whole), np.sin(whole)
+        c, s, e, h[-1] = 1.0, 0.0, chain.x[n] - state[-2], 0.0
         for k in range(harmonics):
-            c, s = c * cosine[n] - s * sine[n], s * cosine[n] + c * sine[n]
-            real, imaginary = state[k], state[harmonics + k]
-            H[n, k] = c
-            H[n, harmonics + k] = -s
-            H[n, -1] -= (k + 1) * lead[n] * (real * s + imaginary * c)
-        linear[n] = chain.x[first + n] + H[n, -1] * state[-1]  # in the amplitudes h is linear
-    return count
-
-
-@compiled_sums_in_place
-def squares(chain: SlipChain, states: Floats, H: Floats, samples: Floats) -> float:
-    """Return the sum of the squared residuals of all blocks at their states; arguments as for `forward`."""
-    total = 0.0
-    for m in range(len(states)):
-        for n in range(_linearise(chain, m, states[m], H, samples)):
-            residual = samples[0, n] - dot(H[n], states[m])
-            if not np.isnan(residual):
-                total += residual * residual
+            c, s = c * cosine - s * sine, s * cosine + c * sine
+            h[k], h[harmonics + k] = c, -s
+            e -= c * state[k] - s * state[harmonics + k]
+            h[-1] -= (k + 1) * lead * (s * state[k] + c * state[harmonics + k])
+        if not np.isnan(e):
+            total += e * e
+            for a in range(size):
+                chain.j[a, 0] += h[a] * e
+                for b in range(size):
+                    chain.J[a, b] += h[a] * h[b]
     return total
 
 
 @compiled_sums_in_place
-def _times(F: Floats, P: Floats, product: Floats) -> None:
-    """Fill `product` with F P^T."""
-    for a in range(len(F)):
-        for b in range(len(F)):
-            product[a, b] = 0.0
-            for c in range(len(F)):
-                product[a, b] += F[a, c] * P[b, c]
-
-
-@compiled_sums_in_place
-def _predict(
-    step: tuple[float, float, float], at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, FP: Floats,
-    mean_ahead: Floats, P_ahead: Floats,
-) -> None:  # fmt: skip
-    """Predict mean and P of the next block by F, linearised where the state is `at` and the next slip `ahead`.
-
-    The step is its `turns`, `process` and `slip_process` of the chain. Fills F, F P, and both predictions.
-    """
-    turn, process, slip_process = step
-    size, harmonics, middle = mean.size, mean.size // 2 - 1, 0.5 * (at[-1] + ahead)
-    off = mean[-1] - middle
-    F[:] = 0.0
-    F[-2, -2] = F[-1, -1] = 1.0
+def _fill_transition(chain: SlipChain, m: int, state: Floats, c: Floats) -> None:
+    """Fill c, (state,), of the transition F = I + c (0, ..., 0, 1) half of the way from block m to the next."""
+    half, harmonics = 0.5 * (chain.angle[chain.centres[m + 1]] - chain.angle[chain.centres[m]]), c.size // 2 - 1
     for k in range(harmonics):
-        rate = (k + 1) * turn
-        c, s = np.cos(rate * middle), np.sin(rate * middle)
-        F[k, k] = F[harmonics + k, harmonics + k] = c
-        F[k, harmonics + k] = -s
-        F[harmonics + k, k] = s
-        F[k, -1] = -rate * (s * at[k] + c * at[harmonics + k])
-        F[harmonics + k, -1] = rate * (c * at[k] - s * at[harmonics + k])
-        mean_ahead[k] = c * mean[k] - s * mean[harmonics + k] + F[k, -1] * off
-        mean_ahead[harmonics + k] = s * mean[k] + c * mean[harmonics + k] + F[harmonics + k, -1] * off
-    mean_ahead[-2], mean_ahead[-1] = mean[-2], mean[-1]
-    _times(F, P, FP)
-    _times(F, FP, P_ahead)
-    for a in range(size):
-        if a < size - 1:
-            P_ahead[a, a] += process if a < 2 * harmonics else 0.5 * process  # the mean has one quadrature
-        for b in range(a + 1):
-            # The slip within the step is the mean of both blocks', so its change turns the line by half as much.
-            share = (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)
-            P_ahead[a, b] += slip_process * share * F[a, -1] * F[b, -1]
-            P_ahead[b, a] = P_ahead[a, b]
+        c[k] = -(k + 1) * half * state[harmonics + k]
+        c[harmonics + k] = (k + 1) * half * state[k]
 
 
 @compiled_sums_in_place
-def forward(
-    chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats, H: Floats, samples: Floats,
-    F: Floats, FP: Floats, ph: Floats,
-) -> tuple[float, int]:  # fmt: skip
-    """Filter all blocks, linearised at `states` or, as the extended Kalman filter, at each prediction.
+def _predict(J: Floats, j: Floats, c: Floats) -> None:
+    """Predict by F: J becomes F^-T J F^-1, j F^-T j."""
+    for a in range(c.size):
+        j[-1, 0] -= c[a] * j[a, 0]
+        J[a, -1] -= dot(c, J[a])
+    for a in range(c.size - 1):
+        J[-1, a] = J[a, -1]
+    J[-1, -1] -= dot(c, J[-1])
 
-    States and means, (block, state), are one array of the extended filter. Means and covariances, of the prior in the
-    first block, are filled with those after each block. Scratch are H, (sample, state), and (5, sample) for the
-    longest block, F and F P, (state, state), and P h, (state,). Returns the sum of squared innovations over their
-    variances, and their number.
-    """
-    blocks, total, count = len(means), 0.0, 0
-    for m in range(blocks):
-        state, mean, P = states[m], means[m], covariances[m]
-        for n in range(_linearise(chain, m, state, H, samples)):
-            if not np.isnan(samples[0, n]):
-                h = H[n]
-                precision = 1.0 / project(P, h, ph)
-                update_covariance(P, ph, precision)
-                innovation = update_mean(mean, h, samples[0, n], ph, precision)
-                total += innovation * innovation * precision
-                count += 1
-        if m + 1 < blocks:
-            step = chain.turns[m], chain.process[m], chain.slip_process[m]
-            ahead = states[m if extended else m + 1, -1]
-            _predict(step, state, ahead, mean, P, F, FP, means[m + 1], covariances[m + 1])
-    return total, count
+
+@compiled_sums_in_place
+def _undo(P: Floats, x: Floats, c: Floats) -> None:
+    """Undo the prediction by F: P becomes F^-1 P F^-T, x F^-1 x."""
+    for a in range(c.size):
+        x[a, 0] -= c[a] * x[-1, 0]
+        for b in range(c.size):
+            P[a, b] -= c[a] * P[-1, b]
+    for a in range(c.size):
+        for b in range(c.size):
+            P[b, a] -= c[a] * P[b, -1]
 
 
 @compiled
-def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats) -> bool:
-    """Smooth what `forward` returned, in place (Rauch, Tung, Striebel); return whether every covariance allows it."""
-    blocks, size = means.shape
-    F, gain, factor = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
-    P, spread, mean = np.empty((size, size)), np.empty((size, size)), np.empty(size)
+def filter_blocks(chain: SlipChain, extended: bool) -> float:
+    """Filter all blocks about the states of the chain or, as the extended Kalman filter, about each prediction.
+
+    The extended filter starts from the first state, fills the others and their phase, and returns the sum of squared
+    innovations over their variances; without it, that of squared residuals is returned. NaN where J is not positive.
+    """
+    J, j, states, (blocks, size) = chain.J, chain.j, chain.states, chain.states.shape
+    no_data, no_score, h, squares = np.zeros((1, size**2)), np.zeros((1, size)), np.empty(size), np.zeros(1)
+    total, P, c = 0.0, J, np.zeros(size)
+    for m in range(blocks):
+        own = slice(m, m + 1)
+        total += _update(chain, m, h)
+        if extended:
+            P = np.ascontiguousarray(np.linalg.inv(J))
+            step = P @ j
+            total -= np.sum(step * j)
+            states[m] += step[:, 0]
+            j[:] = 0.0
+        if m + 1 < blocks:
+            if extended:
+                turn = chain.angle[chain.centres[m + 1]] - chain.angle[chain.centres[m]]
+                states[m + 1], chain.slip_phase[m + 1] = states[m], chain.slip_phase[m] + states[m, -1] * turn
+            # Half of the way by F, from now on the difference from the next state, its increments, and the other half.
+            _fill_transition(chain, m, states[m], c)
+            _predict(J, j, c)
+            for a in range(size):
+                for b in range(size):
+                    j[a, 0] -= J[a, b] * (states[m + 1, b] - states[m, b])
+            filled = chain.gains[own], chain.shares[own], chain.offsets[own]
+            if np.isnan(filter_forward(no_data, no_score, chain.process[own], False, J, j, *filled, squares)):
+                return np.nan
+            _fill_transition(chain, m, states[m + 1], c)
+            _predict(J, j, c)
+        if extended:
+            chain.gains[m] = P
+    return total
+
+
+@compiled
+def smooth_blocks(chain: SlipChain) -> None:
+    """Smooth what was filtered: fill the differences of the estimates from the states, and their covariances."""
+    blocks, size = chain.states.shape
+    no_data, row, unused, c = np.zeros((1, size**2)), np.empty(size), np.empty((1, size)), np.zeros(size)
+    P = np.ascontiguousarray(np.linalg.inv(chain.J))
+    x = P @ chain.j
+    chain.offsets[blocks - 1], chain.gains[blocks - 1] = x, P
     for m in range(blocks - 2, -1, -1):
-        step = chain.turns[m], chain.process[m], chain.slip_process[m]
-        ahead = states[m if extended else m + 1, -1]
-        _predict(step, states[m], ahead, means[m], covariances[m], F, gain, mean, P)
-        # The gain, transposed: P^-1 F P_m, by elimination, which needs no pivots where P is positive definite.
-        factor[:] = P
-        for a in range(size):
-            if not factor[a, a] > 0.0:
-                return False
-            for b in range(a + 1, size):
-                share = factor[b, a] / factor[a, a]
-                for c in range(a, size):
-                    factor[b, c] -= share * factor[a, c]
-                for c in range(size):
-                    gain[b, c] -= share * gain[a, c]
-        for a in range(size - 1, -1, -1):
-            for c in range(size):
-                for b in range(a + 1, size):
-                    gain[a, c] -= factor[a, b] * gain[b, c]
-                gain[a, c] /= factor[a, a]
-        for a in range(size):
-            for b in range(size):
-                means[m, a] += gain[b, a] * (means[m + 1, b] - mean[b])
-                factor[b, a] = gain[a, b]
-        _times(factor, covariances[m + 1] - P, spread)
-        _times(spread, factor, P)
-        covariances[m] += P
-    return True
+        own = slice(m, m + 1)
+        _fill_transition(chain, m, chain.states[m + 1], c)
+        _undo(P, x, c)
+        smooth_backward(no_data, chain.gains[own], chain.shares[own], P, x, row, chain.offsets[own], unused, unused[0])
+        x[:, 0] += chain.states[m + 1] - chain.states[m]
+        _fill_transition(chain, m, chain.states[m], c)
+        _undo(P, x, c)
+        chain.offsets[m], chain.gains[m] = x, P

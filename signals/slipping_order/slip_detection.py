@@ -11,46 +11,37 @@ Markov's inequality for exp(theta score) with the best theta bounds the probabil
 more the slip may change. The bound is averaged over the distribution of an estimated R.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, pi
-from typing import Self
+from typing import NamedTuple
 
 import numpy as np
 
 from signals.harmonics._block_kernels import phasors
 from signals.harmonics.noise_density import SEGMENT, noise_density
-from signals.harmonics.state_space import Complexes, Floats, HarmonicModel, Indices
+from signals.harmonics.state_space import Floats, HarmonicModel, Indices
+
+# Length of a block times the bandwidth, and over the segment in which the random walk of the slip turns the line by a
+# radian: holding amplitude and slip constant in a block changes the estimates by a few 1e-4 of their std.
+_BLOCK = 1 / 200
+_SLIP_BLOCK = 1 / 50
+_TURN_OF_BLOCK = 1 / 16  # turns in a block by the largest slip: of the power there, 1.3 % are lost
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlipRecord:
-    """A record with the shaft angle, which may rest and turn back."""
+    """A record with the shaft angle, which may rest and turn back, and the order searched for."""
 
     x: Floats  # (n,)
     phase: Floats  # (n,), rad
-
-    @cached_property
-    def turning(self) -> Floats:
-        """(n,) array, total rotation of the shaft since the first sample, in either direction, in rad."""
-        return np.append(0.0, np.cumsum(np.abs(np.diff(self.phase))))
-
-    @cached_property
-    def per_rev(self) -> float:
-        """Samples per revolution at the speed averaged over the angle, so that rests do not count."""
-        step = np.diff(self.phase)
-        return float(2 * pi * self.turning[-1] / (step @ step))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """The order searched for."""
-
     order: float  # of the fundamental, cycles per revolution
     harmonics: int  # number of harmonics
     largest_slip: float  # relative to the order
     slip_change: float  # standard deviation of the slip's change in a revolution
+    width: Floats  # (1,) or (n,), bandwidth of the amplitude in cycles per sample
+    every: int | None = None  # samples from output to output
 
     @property
     def top(self) -> float:
@@ -63,121 +54,116 @@ class Line:
         # A random walk of variance v a revolution turns by an angle of variance (2 pi order)^2 v m^3 / 3 in m of them.
         return float((np.sqrt(3) / (2 * pi * self.top * self.slip_change)) ** (2 / 3))
 
+    @cached_property
+    def turning(self) -> Floats:
+        """(n,) array, total rotation of the shaft since the first sample, in either direction, in rad."""
+        return np.append(0.0, np.cumsum(np.abs(np.diff(self.phase))))
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Demodulated:
-    """A record times exp(-j k order phase), summed over short blocks."""
+    @cached_property
+    def per_rev(self) -> float:
+        """Samples per revolution at the speed averaged over the angle, so that rests do not count."""
+        step = np.diff(self.phase)
+        return float(2 * pi * self.turning[-1] / (step @ step))
 
-    sums: Complexes  # (harmonic, block)
-    counts: Floats  # (block,), of observed samples
-    angle: Floats  # (block,), shaft angle at the middle of each, rad
-    parts: tuple[slice, ...]  # the blocks of each segment
+    @cached_property
+    def blocks(self) -> tuple[Indices, Indices, Indices]:
+        """Blocks with nearly constant amplitude and slip.
 
-    @classmethod
-    def of(cls, record: SlipRecord, *, order: float, harmonics: int, block: int, cuts: Indices) -> Self:
-        """Sum over blocks of `block` samples, within segments that begin and end at the cuts."""
-        n = record.x.size
-        begins = np.zeros(n + 1, dtype=np.bool_)
-        begins[::block] = begins[cuts] = True
-        edges = np.flatnonzero(begins)
-        observed = ~np.isnan(record.x)
-        turn = phasors(order * record.phase)
-        sums = np.empty((harmonics, edges.size - 1), dtype=np.complex128)
-        product = np.where(observed, record.x, 0.0).astype(np.complex128)
-        for harmonic in sums:
-            product *= turn
-            np.add.reduceat(product, edges[:-1], out=harmonic)
-        return cls(
-            sums=sums,
-            counts=np.add.reduceat(observed.astype(np.float64), edges[:-1]),
-            angle=record.phase[(edges[:-1] + edges[1:]) // 2],
-            parts=tuple(slice(int(a), int(b)) for a, b in pairwise(np.searchsorted(edges, cuts))),
-        )
+        (block + 1,) first samples and one past the last, (block,) middle samples, (output,) blocks with an output.
+        """
+        n, most_rev = self.x.size, min(_SLIP_BLOCK * self.steady_rev, _TURN_OF_BLOCK / (self.top * self.largest_slip))
+        longest = max(1, int(min(_BLOCK / float(self.width.max()), most_rev * self.per_rev)))
+        longest -= (longest + 1) % 2 if longest > 1 else 0  # an odd number of samples has a middle one
+        every = min(self.every or longest, n)
+        shares = -(-every // longest)  # the fewest blocks per output of which none is too long
+        count = round(n * shares / every)
+        edges = np.append(np.arange(count) * every // shares, n)
+        return edges, (edges[:-1] + edges[1:] - 1) // 2, np.arange(shares // 2, count, shares)
 
-    def power(self, part: slice, harmonic: int, deviations: Floats) -> Floats:
-        """Return the (deviation,) power of a segment at these order differences from a harmonic; R in white noise."""
-        lead = self.angle[part] - self.angle[part].mean()
-        sums = phasors(np.outer(deviations, lead)) @ self.sums[harmonic, part]
-        return np.asarray((sums.real**2 + sums.imag**2) / (self.counts[part].sum() or 1.0))
+    @cached_property
+    def segments(self) -> tuple[slice, ...]:
+        """Blocks of each segment with nearly constant amplitude and slip."""
+        width = np.average(np.broadcast_to(self.width, self.x.size)[1:], weights=np.diff(self.turning)) * self.per_rev
+        count = max(1, round(self.turning[-1] / (2 * pi) * max(width, 1 / self.steady_rev)))
+        turning, begins = self.turning[self.blocks[1]], self.turning[-1] * np.arange(count) / count
+        cuts = np.unique([*np.searchsorted(turning, begins).tolist(), turning.size])
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(cuts))
 
 
-_TURN_OF_BLOCK = 1 / 32  # turns in a block at the largest order difference evaluated
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
 # Estimated R over true R. Above the last ratio the bound is taken at the last, a small loss.
 _RATIOS = np.geomspace(1e-4, 1.25, 600)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ridge:
+class Ridge(NamedTuple):
     """The path of slips with most power."""
 
-    turning: Floats  # (segment,), `SlipRecord.turning` in the middle of each segment
-    slip: Floats  # (segment,)
+    first_slip: float
     slip_width: float  # slip that adds one turn of the line in a segment
     noise_variance: float  # R
     false_alarm_probability: float  # bound on the probability of such a path in noise alone
 
 
-def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: float | None) -> Ridge:
-    """Search for the line; `width` is the bandwidth of its amplitude in cycles per sample, (1,) or (sample,)."""
-    cuts = _cuts(record, line, width)
+def search(record: SlipRecord, *, noise_variance: float | None) -> Ridge:
+    """Search for the line."""
+    edges, centres, _ = record.blocks
     # Where the shaft turns back, the angle covers less than the total rotation.
-    cell = 2 * pi / float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
-    block = max(1, int(_TURN_OF_BLOCK * record.per_rev / (line.top * line.largest_slip + cell)))
+    spans = [np.ptp(record.phase[edges[part.start] : edges[part.stop] + 1]) for part in record.segments]
+    slip_width = 2 * pi / float(np.median(spans)) / record.top
+    half = max(1, ceil(2 * record.largest_slip / slip_width))  # two slips for each width (1 / segment) of a line
+    grid = np.linspace(-record.largest_slip, record.largest_slip, 2 * half + 1)
+    number = np.arange(1.0, record.harmonics + 1)
+    noise, freedom = noise_variance or 0.0, np.inf
+    if noise_variance is None:
+        searched = record.largest_slip * record.order * number / record.per_rev
+        noise, freedom = _on_both_sides(record, record.phase, searched, np.nan, curved=False)
+        if not noise > 0:
+            raise ValueError(
+                f"x shows {'no noise' if noise == 0 else 'too little'} on both sides of order {record.order:g}, and "
+                "without its variance nothing can be weighed: take a longer record or fewer harmonics, or pass "
+                "noise_variance."
+            )
+    power, powers = _power(record, grid)
+    turning = record.turning[centres]
+    middle = np.array([(turning[part][0] + turning[part][-1]) / 2 for part in record.segments])
+    change = record.slip_change**2 * np.diff(middle) / (2 * pi) + (grid[1] - grid[0]) ** 2 / 12
+    slip, score = _best_path(power / noise, grid, change)
+    probability = chance(score, grid, change, powers=powers, counted=freedom / 2)
+    if noise_variance is None:
+        # a smooth course of the slip: the density takes steps in speed for a line that sweeps over its neighbours
+        smooth = np.polynomial.Polynomial.fit(middle, slip, min(3, slip.size - 1))(record.turning)
+        phase = record.phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(record.phase)))
+        widest = max(float(record.width.max()), 1 / (record.steady_rev * record.per_rev))
+        curved = widest * record.per_rev * record.turning[-1] / (2 * pi) >= SEGMENT
+        noise, _ = _on_both_sides(record, phase, np.full(number.size, widest), noise, curved=curved)
+    return Ridge(float(slip[0]), slip_width, noise, probability)
+
+
+def _power(record: SlipRecord, grid: Floats) -> tuple[Floats, int]:
+    """Return the (segment, slip) sums of the harmonics' powers, R each in white noise, and how many are in a path."""
+    edges, centres, _ = record.blocks
     # Samples at which the shaft rests hold no information on the slip.
     still = np.concatenate([[True], np.diff(record.turning) == 0, [True]])
-    turned = replace(record, x=np.where(still[:-1] & still[1:], np.nan, record.x))
-    data = Demodulated.of(turned, order=line.order, harmonics=line.harmonics, block=block, cuts=cuts)
-    noise, counted = (noise_variance, np.inf) if noise_variance else searched_noise(record, line)
-
-    slip_width = cell / line.top
-    half = max(1, ceil(2 * line.largest_slip / slip_width))  # two slips for each width (1 / segment) of a line
-    grid = np.linspace(-line.largest_slip, line.largest_slip, 2 * half + 1)
-    away = np.outer(np.arange(1, line.harmonics + 1), line.order * grid)
-    power = np.array([sum(data.power(part, k, each) for k, each in enumerate(away)) for part in data.parts]) / noise
-    middle = np.interp(cuts[:-1] / 2 + cuts[1:] / 2, np.arange(record.x.size), record.turning)
-    change = line.slip_change**2 * np.diff(middle) / (2 * pi) + (grid[1] - grid[0]) ** 2 / 12
-    slip, score = _best_path(power, grid, change)
-    powers = line.harmonics * sum(bool(data.counts[part].any()) for part in data.parts)
-    probability = chance(score, grid, change, powers=powers, counted=counted)
-    if noise_variance is None:
-        noise = noise_along(record, line, middle, slip, width=width, searched=noise)
-    return Ridge(
-        turning=middle, slip=slip, slip_width=slip_width, noise_variance=noise, false_alarm_probability=probability
-    )
-
-
-def searched_noise(record: SlipRecord, line: Line) -> tuple[float, float]:
-    """Return R from both sides of the searched bands, and the number of powers of noise with a mean as certain."""
-    searched = line.largest_slip * line.order * np.arange(1.0, line.harmonics + 1) / record.per_rev
-    noise, freedom = _on_both_sides(record, line, record.phase, searched, np.nan, curved=False)
-    if not noise > 0:
-        what = "no noise" if noise == 0 else "too little"
-        raise ValueError(
-            f"x shows {what} on both sides of order {line.order:g}, and without its variance nothing can be weighed: "
-            "take a longer record or fewer harmonics, or pass noise_variance."
-        )
-    return noise, freedom / 2
-
-
-def noise_along(
-    record: SlipRecord, line: Line, turning: Floats, slip: Floats, *, width: Floats, searched: float
-) -> float:
-    """Return R from both sides of the harmonics along a path of slips, where `searched` is R about all paths."""
-    # a smooth course of the slip: the density takes steps in speed for a line that sweeps over its neighbours
-    smooth = np.polynomial.Polynomial.fit(turning, slip, min(3, slip.size - 1))(record.turning)
-    phase = record.phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(record.phase)))
-    widest = max(float(width.max()), 1 / (line.steady_rev * record.per_rev))
-    curved = widest * record.per_rev * record.turning[-1] / (2 * pi) >= SEGMENT
-    return _on_both_sides(record, line, phase, np.full(line.harmonics, widest), searched, curved=curved)[0]
+    seen = ~(np.isnan(record.x) | (still[:-1] & still[1:]))
+    counts = np.array([np.count_nonzero(seen[edges[part.start] : edges[part.stop]]) for part in record.segments])
+    power = np.zeros((counts.size, grid.size))
+    product, turn = np.where(seen, record.x, 0.0).astype(np.complex128), phasors(record.order * record.phase)
+    for number in range(1, record.harmonics + 1):
+        product *= turn
+        sums = np.add.reduceat(product, edges[:-1])
+        for segment, part in enumerate(record.segments):
+            angle = record.phase[centres[part]]
+            away = np.outer(number * record.order * grid, angle - angle.mean())
+            power[segment] += np.abs(phasors(away) @ sums[part]) ** 2 / max(counts[segment], 1)
+    return power, record.harmonics * int(np.count_nonzero(counts))
 
 
 def _on_both_sides(
-    record: SlipRecord, line: Line, phase: Floats, bandwidth: Floats, white: float, *, curved: bool
+    record: SlipRecord, phase: Floats, bandwidth: Floats, white: float, *, curved: bool
 ) -> tuple[float, float]:
     """Return the geometric mean of the density about the harmonics and its degrees of freedom."""
     model = HarmonicModel(
-        orders=line.order * np.arange(1.0, line.harmonics + 1), shaft=np.zeros(line.harmonics, dtype=np.int64),
+        orders=record.order * np.arange(1.0, record.harmonics + 1), shaft=np.zeros(record.harmonics, dtype=np.int64),
         phases=(phase,), bandwidth=bandwidth[:, None], poles=1, prior_std=1.0,
     )  # fmt: skip
     seen = ~np.isnan(record.x)
@@ -186,30 +172,17 @@ def _on_both_sides(
         return float(np.exp(np.log(density).mean())), float(freedom.mean())
 
 
-def _cuts(record: SlipRecord, line: Line, width: Floats) -> Indices:
-    """Return the first samples of segments with nearly constant amplitude and slip, and the end of the last one."""
-    turning = record.turning
-    mean = width[0] if width.size == 1 else np.average(width[1:], weights=np.diff(turning))
-    longest = 2 * pi / (mean * record.per_rev) if mean > 0 else np.inf
-    segments = max(1, round(turning[-1] / min(longest, 2 * pi * line.steady_rev)))
-    inner = np.searchsorted(turning, turning[-1] * np.arange(1, segments) / segments)
-    return np.unique(np.concatenate([[0], inner, [turning.size]]))
-
-
 def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, float]:
     """Return the slips and the score of the best path: power less half the squared changes over their variances."""
-    score = power[0]
-    came_from = np.empty((len(power), grid.size), dtype=np.int64)
-    apart = (grid[:, None] - grid) ** 2 / 2
-    for segment, variance in enumerate(change, start=1):
+    score, came_from, apart = power[0], list[Indices](), (grid[:, None] - grid) ** 2 / 2
+    for row, variance in zip(power[1:], change, strict=True):
         options = score - apart / variance
-        came_from[segment] = options.argmax(axis=1)
-        score = options.max(axis=1) + power[segment]
-    path = np.empty(len(power), dtype=np.int64)
-    path[-1] = score.argmax()
-    for segment in range(len(power) - 1, 0, -1):
-        path[segment - 1] = came_from[segment, path[segment]]
-    return grid[path], float(score.max())
+        came_from.append(options.argmax(axis=1))
+        score = options.max(axis=1) + row
+    path = [int(score.argmax())]
+    for before in reversed(came_from):
+        path.append(int(before[path[-1]]))
+    return grid[path[::-1]], float(score.max())
 
 
 def chance(score: float, grid: Floats, change: Floats, *, powers: int, counted: float) -> float:

@@ -10,11 +10,13 @@ order, is part of the state. Within a block of samples whose middle is c, and fr
 Each quadrature of A is the random walk of `model`, and so is the mean b: with a known slip this is the plain smoother
 with one pole and the same `bandwidth`. The slip is a random walk over shaft angle.
 
-The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). The smoother minimises the exact sum of squares,
-samples over R, changes over their variances, by Gauss-Newton steps: each is a Kalman filter and a Rauch-Tung-Striebel
-smoother of the model linearised at the trajectory so far (Bell 1994 [1]_), halved until the sum falls (Sarkka and
-Svensson 2020 [2]_). The uncertainty is that of the linearised model at the minimum, and holds while the phase is known
-to a fraction of a turn. Both start from the path of slips with most power, see `detection`.
+The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). It starts from the first slip of the path of slips
+with most power, see `slip_detection`. The smoother minimises the exact sum of squares, samples over R, changes over
+their variances, by Gauss-Newton steps from there: each is a Kalman filter and a Rauch-Tung-Striebel smoother of the
+model linearised at the trajectory so far (Bell 1994 [1]_), halved until the sum falls (Sarkka and Svensson 2020 [2]_).
+Both run on the chain of `signals.harmonics.node_chain`: relative to the phase of the line that slips along the
+trajectory, all but the effect of the slip is a random walk. The uncertainty is that of the linearised model at the
+minimum, and holds while the phase is known to a fraction of a turn.
 
 The amplitude is independent on both sides of a gap in which the random walk of the slip would turn the line by more
 than a radian: the number of turns there is unknown, and the phase after it must not determine the slip within.
@@ -35,8 +37,8 @@ import numpy as np
 from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._arguments import SMALLEST, check_bandwidth, check_below_half_rate, check_phase, check_record
 from signals.harmonics.state_space import Estimator
-from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
-from signals.slipping_order.slip_detection import Line, SlipRecord, search
+from signals.slipping_order.block_chain import Status, chain_of, extended_filter, smooth
+from signals.slipping_order.slip_detection import SlipRecord, search
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -44,15 +46,12 @@ if TYPE_CHECKING:
     from signals.harmonics.state_space import BandwidthUnits, Complexes, Floats, Indices
 
 MOST_HARMONICS = 16
-_LEAST_CHANGE = 1e-12  # the square of less is lost beside the digits of a slip
 # Largest false-alarm probability of a detected line.
 _FALSE_ALARM = 0.01
 # Probability of changes of a slip at which it is called faster than declared.
 _TOO_FAST = 1e-3
 # Standard deviation of an unknown phase, uniform over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
-# Largest peak value over the noise's std.
-_LOUDEST = 1e12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +68,8 @@ class SlippingTrack:
     std : (harmonic, output) array
         `sqrt(E|Zhat - Z|^2 / 2)` given the slipped phase.
     amplitude_std : (harmonic, output) array
-        Standard deviation of `abs(Z)`; equal to `std` where Z is 0 and its phase undefined.
+        Standard deviation of `abs(Z)`; equal to `std` where Z is 0 and its phase undefined; without a detected line,
+        at least `abs(Z)`, since the path with most noise was chosen.
     phase_std_rad : (harmonic, output) array
         Standard deviation in rad of the total phase of the harmonic; above about 1 the phase is unknown. At most
         pi / sqrt(3), that of a uniform phase, which is given where Z is 0 or no line is detected.
@@ -225,106 +225,87 @@ def track_slipping_order(
     from scipy.special import chdtrc  # noqa: PLC0415 - slow to import
 
     choice(estimator, name="estimator", choices=get_args(Estimator))
-    every = None if output_every is None else whole(output_every, name="output_every", least=1)
     limit = whole(most_iterations, name="most_iterations", least=1)
-    line = Line(
-        order=positive(order, name="order"), largest_slip=positive(largest_slip, name="largest_slip"),
-        harmonics=whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS),
-        slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
-    )  # fmt: skip
     given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
-    if not _LEAST_CHANGE <= line.slip_change <= 1:
-        raise ValueError(
-            f"slip_change_per_rev={slip_change_per_rev:g} is relative to the order and must lie between "
-            f"{_LEAST_CHANGE:g} and 1; 0.001 suits most rolling bearings."
-        )
-    if line.largest_slip >= 1:
-        raise ValueError(f"largest_slip={largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02.")
-    record = _check_record(x, phase_rad, line, noise_variance=given)
-    cycles, bandwidth = check_bandwidth(
-        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev, shaft=np.zeros(1, dtype=np.int64), phases=(record.phase,),
-    )  # fmt: skip
-    width = cycles[0]
-
-    ridge = search(record, line, width=width, noise_variance=given)
-    chain = in_blocks(record, line, width=width, noise_variance=ridge.noise_variance, every=every)
-    status: Status = "single pass"
-    if estimator == "filter":
-        path, objective = extended_filter(chain, ridge), np.empty(0)
-    else:
-        ends = [iterate(chain, start, limit=limit) for start in starts(chain, ridge)]
-        path, status, objective = min(ends, key=lambda end: end[2][-1])
-
-    means, covariances = path.means[chain.outputs], path.covariances[chain.outputs]
-    amplitude, std, amplitude_std, phase_std = _polar(means, covariances)
-    turns = 0.5 * (path.means[:-1, -1] + path.means[1:, -1]) * chain.turns
-    slip_phase = np.append(0.0, np.cumsum(turns))[chain.outputs]
-    slip_phase -= slip_phase[0]
-    slip_std = np.sqrt(covariances[:, -1, -1])
-    if status == "converged" and np.any(np.abs(means[:, -1]) - slip_std >= line.largest_slip):
-        status = "slip at its bound"
-    # Changes of the estimate have at most the variance of those of the slip itself.
-    at = np.searchsorted(chain.turning, np.arange(0, chain.turning[-1], 2 * np.pi * line.steady_rev))
-    changes = np.diff(path.means[at, -1]) ** 2 / np.diff(np.append(0.0, np.cumsum(chain.slip_process))[at])
-    if estimator == "smoother" and chdtrc(max(changes.size, 1), changes.sum()) < _TOO_FAST:
-        status = "slip faster than declared"
-    if ridge.false_alarm_probability > _FALSE_ALARM:
-        status = "no line"
-        slip_std = np.maximum(slip_std, line.largest_slip / np.sqrt(3))
-        phase_std[:] = _UNKNOWN_PHASE
-    unit = np.sqrt(ridge.noise_variance)
-    return SlippingTrack(
-        complex_amplitude=unit * amplitude * np.exp(-1j * np.outer(np.arange(1, line.harmonics + 1), slip_phase)),
-        std=unit * std, amplitude_std=unit * amplitude_std, phase_std_rad=phase_std,
-        slip=means[:, -1], slip_std=slip_std, slip_phase_rad=slip_phase, sample_index=chain.centres[chain.outputs],
-        order=line.order, largest_slip=line.largest_slip, slip_change_per_rev=line.slip_change,
-        bandwidth=float(bandwidth["bandwidth"][0]), bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator,
-        noise_variance=ridge.noise_variance, innovation_mean_square=path.innovation_mean_square,
-        false_alarm_probability=ridge.false_alarm_probability, status=status,
-        iterations=max(0, objective.size - 1), objective=objective,
-    )  # fmt: skip
-
-
-def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_variance: float | None) -> SlipRecord:
-    """Return the record, or refuse one out of the range of double precision, or that turns too little or too fast."""
+    for name, value in (("largest_slip", largest_slip), ("slip_change_per_rev", slip_change_per_rev)):
+        if not positive(value, name=name) < 1:
+            raise ValueError(f"{name}={value:g} is relative to the order and must be below 1; 2 % is 0.02.")
     samples = real_vector(x, name="x", minimum=4, finite=False, any_unit=True)  # narrower bounds follow
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
     check_record(samples, smallest=SMALLEST)
-    peak = float(np.nanmax(np.abs(samples)))
-    if noise_variance is not None and peak > _LOUDEST * np.sqrt(noise_variance):
-        raise ValueError(
-            f"noise_variance={noise_variance:g} makes x of up to {peak:g} {peak / np.sqrt(noise_variance):.2g} times "
-            f"the noise; double precision ends at {_LOUDEST:g}: give the variance of all that the line leaves over."
-        )
-    record = SlipRecord(x=samples, phase=check_phase("phase_rad", phase_rad, samples.size))
-    turns = line.top * record.turning[-1] / (2 * np.pi)
+    phase = check_phase("phase_rad", phase_rad, samples.size)
+    cycles, bandwidth = check_bandwidth(
+        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev, shaft=np.zeros(1, dtype=np.int64), phases=(phase,),
+    )  # fmt: skip
+    record = SlipRecord(
+        x=samples, phase=phase, order=positive(order, name="order"), largest_slip=largest_slip,
+        harmonics=whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS), slip_change=slip_change_per_rev,
+        width=cycles[0], every=None if output_every is None else whole(output_every, name="output_every", least=1),
+    )  # fmt: skip
+    turns = record.top * record.turning[-1] / (2 * np.pi)
     if turns < 1:
         raise ValueError(
-            f"phase_rad turns by {record.turning[-1]:g} rad in all, order {line.top:g} by {turns:g} turns: "
+            f"phase_rad turns by {record.turning[-1]:g} rad in all, order {record.top:g} by {turns:g} turns: "
             "the shaft has turned too little to tell a slip; take a longer record, or give the angle in rad."
         )
-    fastest = line.top * (1 + line.largest_slip)
-    check_below_half_rate(f"order {line.top:g} with a slip of {line.largest_slip:g}", fastest, record.phase)
-    return record
+    what = f"order {record.top:g} with a slip of {largest_slip:g}"
+    check_below_half_rate(what, record.top * (1 + largest_slip), phase)
+
+    ridge = search(record, noise_variance=given)
+    chain, (_, centres, outputs) = chain_of(record, noise_variance=ridge.noise_variance), record.blocks
+    status: Status = "single pass"
+    path, total = extended_filter(chain, slip=ridge.first_slip, slip_std=min(largest_slip, ridge.slip_width / 2))
+    objective = np.empty(0)
+    if estimator == "smoother":
+        path, status, objective = smooth(chain, path, limit=limit)
+        total = 2 * objective[-1]  # the least sum of squares is that of the normalised innovations
+
+    states, covariances, slip_phase = path.states[outputs], path.gains[outputs], path.slip_phase[outputs]
+    amplitude, std, amplitude_std, phase_std = _polar(states, covariances)
+    start = np.exp(1j * slip_phase[0] * np.arange(1, record.harmonics + 1)[:, None])
+    slip, slip_std = states[:, -1], np.sqrt(covariances[:, -1, -1])
+    if status == "converged" and np.any(np.abs(slip) - slip_std >= largest_slip):
+        status = "slip at its bound"
+    # Changes of the estimate have at most the variance of those of the slip itself.
+    turning = record.turning[centres]
+    at = np.searchsorted(turning, np.arange(0, turning[-1], 2 * np.pi * record.steady_rev))
+    changes = np.diff(path.states[at, -1]) ** 2 / np.diff(np.append(0.0, np.cumsum(chain.process[:, -1]))[at])
+    if estimator == "smoother" and chdtrc(max(changes.size, 1), changes.sum()) < _TOO_FAST:
+        status = "slip faster than declared"
+    if ridge.false_alarm_probability > _FALSE_ALARM:
+        status = "no line"
+        slip_std = np.maximum(slip_std, largest_slip / np.sqrt(3))
+        amplitude_std = np.maximum(amplitude_std, np.abs(amplitude))  # of the path with most noise
+        phase_std[:] = _UNKNOWN_PHASE
+    unit = np.sqrt(ridge.noise_variance)
+    return SlippingTrack(
+        complex_amplitude=unit * amplitude * start, std=unit * std, amplitude_std=unit * amplitude_std,
+        phase_std_rad=phase_std, slip=slip, slip_std=slip_std, slip_phase_rad=slip_phase - slip_phase[0],
+        sample_index=centres[outputs], order=record.order, largest_slip=float(largest_slip),
+        slip_change_per_rev=float(slip_change_per_rev), bandwidth=float(bandwidth["bandwidth"][0]),
+        bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator, noise_variance=ridge.noise_variance,
+        innovation_mean_square=total / np.count_nonzero(~np.isnan(samples)), status=status, objective=objective,
+        false_alarm_probability=ridge.false_alarm_probability, iterations=max(0, objective.size - 1),
+    )  # fmt: skip
 
 
-def _polar(means: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:
+def _polar(states: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:
     """Return amplitudes, `std` of their parts, std of their absolute values, and std of their phases in rad."""
-    harmonics = means.shape[1] // 2 - 1
+    harmonics = states.shape[1] // 2 - 1
     k = np.arange(harmonics)
-    real, imaginary = means[:, :harmonics].T, means[:, harmonics:-2].T
-    var_real = covariances[:, k, k].T
-    var_imaginary = covariances[:, harmonics + k, harmonics + k].T
-    both = covariances[:, k, harmonics + k].T
-    std = np.sqrt((var_real + var_imaginary) / 2)
-    size = np.hypot(real, imaginary)
-    c, s = (np.divide(part, size, out=np.zeros_like(size), where=size > 0) for part in (real, imaginary))
+    amplitude = (states[:, :harmonics] + 1j * states[:, harmonics:-2]).T
+    real, imaginary = covariances[:, k, k].T, covariances[:, harmonics + k, harmonics + k].T
+    variance, size = (real + imaginary) / 2, np.abs(amplitude)
+    # The covariance of the parts along and across the amplitude, which are independent of direction where it is zero.
+    direction = np.divide(amplitude, size, out=np.zeros_like(amplitude), where=size > 0)
+    excess = (((real - imaginary) / 2 + 1j * covariances[:, k, harmonics + k].T) * direction.conj() ** 2).real
     # A difference of parts can be as small as their rounding, but not smaller.
-    least = np.finfo(np.float64).eps * std**2
-    along = np.sqrt(np.maximum(c * c * var_real + 2 * c * s * both + s * s * var_imaginary, least))
-    across = np.sqrt(np.maximum(s * s * var_real - 2 * c * s * both + c * c * var_imaginary, least))
+    along, across = (
+        np.sqrt(np.maximum(part, np.finfo(np.float64).eps * variance))
+        for part in (variance + excess, variance - excess)
+    )
     phase_std = np.full_like(size, _UNKNOWN_PHASE)
     np.divide(across, size, out=phase_std, where=across < _UNKNOWN_PHASE * size)
-    return real + 1j * imaginary, std, np.where(size > 0, along, std), phase_std
+    return amplitude, np.sqrt(variance), along, phase_std
