@@ -15,8 +15,7 @@ from hums import AnalysisSettings, NominalSpeed, analyze, load_gearbox, make_rec
 from hums.conversion import convert_files, find_sources
 from hums.fleet.fleet_analysis import _tables, analyze_fleet
 from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.result_files import packed_row, read_row
-from hums.fleet.results import results
+from hums.fleet.result_files import packed_row, read_row, results
 from hums.jobs import Processes
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)

@@ -12,7 +12,7 @@ from hums import AnalysisSettings, analyze, load_gearbox
 from hums.fleet.monitor import MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation, observation
-from hums.fleet.results import results
+from hums.fleet.result_files import results
 from hums.fleet.series import Numbers, Series, shared
 from hums.fleet.watched_machines import MachineHistory
 from hums.readers import convert

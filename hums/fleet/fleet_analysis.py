@@ -22,9 +22,7 @@ from hums.fleet.fleet_page import write_page
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import order_key
-from hums.fleet.parquet import write_indicators
-from hums.fleet.result_files import read_results, write_row
-from hums.fleet.results import results
+from hums.fleet.result_files import read_results, results, write_row
 from hums.fleet.table import write_tables
 from hums.fleet.watched_machines import (
     MachineHistory,
@@ -264,7 +262,6 @@ def _tables(
         health={one["record"]: one for history in histories for one in history.records},
         limits={history.state.machine: history.severe_score for history in histories},
     )
-    write_indicators(records, folder / _INDICATORS)
     write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
     return histories, {one.record: one.error for one in records if one.error}, no_trends
 

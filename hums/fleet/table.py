@@ -6,11 +6,13 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple
 from functools import partial
+from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -45,7 +47,7 @@ def write_tables(
     health: Mapping[str, Mapping[str, Any]] | None = None,
     limits: Mapping[str, float] | None = None,
 ) -> str:
-    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the results of the records.
+    """Write ``fleet.h5``, ``fleet.csv``, ``indicators.parquet`` and ``trends.csv`` from the results of the records.
 
     Return `NO_TRENDS` if no series has one, else an empty string.
 
@@ -58,6 +60,7 @@ def write_tables(
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
+    _write_indicators(table, folder / "indicators.parquet")
     untested_last = partial(np.nan_to_num, nan=2.0)
     rows = sorted(_trends(table, limits or {}), key=lambda row: untested_last(row["adjusted_p"]))
     write_rows(folder / "trends.csv", _TREND_COLUMNS, rows)
@@ -92,8 +95,8 @@ def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, An
     value, order = np.full((len(records), len(indicators)), np.nan, dtype=np.float32), np.zeros(len(lines))
     for number in reversed(range(len(records))):  # orders are those of the first record with a line
         one, at = records[number], of_lines[number]
-        amplitude[number, at], snr[number, at], claimed[number, at] = one.lines.values.T
-        value[number, of_indicators[number]], order[at] = one.indicators.values, one.orders
+        amplitude[number, at], snr[number, at], claimed[number, at] = one.lines.values.T  # noqa: PD011
+        value[number, of_indicators[number]], order[at] = one.indicators.values, one.orders  # noqa: PD011
     words = [
         {(component, kind): VERDICTS.index(word) for component, kind, word in one.findings}
         | dict.fromkeys(one.not_judged, VERDICTS.index("not judged"))
@@ -188,6 +191,28 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
 
 def _number(value: float, digits: int = 7) -> str:
     return "" if math.isnan(value) else f"{value:.{digits}g}"
+
+
+# ---- indicators ---------------------------------------------------------------------------------------------
+
+
+NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
+
+
+def _write_indicators(table: xr.Dataset, path: Path) -> None:
+    """Write one row per record, channel, component and indicator; names are stored as dictionaries.
+
+    Without pyarrow, which pandas needs, the file of an earlier run is removed.
+    """
+    if find_spec("pyarrow") is None:
+        path.unlink(missing_ok=True)
+        return
+    value = table["value"].to_numpy()
+    at, which = np.nonzero(np.isfinite(value))
+    columns: dict[str, Any] = {name: pd.Categorical(table[name].to_numpy())[at] for name in _FACTS[:3]}
+    columns |= {name: pd.Categorical(table[f"indicator_{name}"].to_numpy())[which] for name in INDICATOR}
+    with atomic_write(path) as part:
+        pd.DataFrame(columns | {"value": value[at, which]}).to_parquet(part, engine="pyarrow", index=False)
 
 
 # ---- trends ------------------------------------------------------------------------------------------------

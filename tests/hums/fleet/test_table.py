@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 from fleets import HEALTHY, kept
 
-from hums.fleet import parquet
-from hums.fleet.parquet import write_indicators
+from hums.fleet import table
 from hums.fleet.series import Numbers, shared
+from hums.fleet.table import write_tables
 
 KEYS = (("a", "record", "channel", "rms", "g"), ("b", "stage 1/pinion", "gear", "fm4", "1"))
 
@@ -26,17 +26,16 @@ def test_a_row_for_each_record_and_indicator(tmp_path):
         for one in records()
         for key, value in zip(one.indicators.keys, list(one.indicators.values), strict=True)
     ]
-    assert write_indicators(records(), tmp_path / "indicators.parquet") == ""
-    table = pd.read_parquet(tmp_path / "indicators.parquet")
-    assert list(table.itertuples(index=False, name=None)) == expected
-    assert list(table) == [
+    write_tables(records(), tmp_path)
+    found = pd.read_parquet(tmp_path / "indicators.parquet")
+    assert list(found.itertuples(index=False, name=None)) == expected
+    assert list(found) == [
         *("record", "machine", "recorded_at", "channel", "component", "kind", "indicator", "units", "value"),
     ]
 
 
-def test_no_file_without_pyarrow(tmp_path, monkeypatch):
-    monkeypatch.setattr(parquet, "find_spec", lambda _: None)
-    (tmp_path / "indicators.parquet").touch()  # of an earlier run: other records than the tables beside it
-    reason = write_indicators([], tmp_path / "indicators.parquet")
-    assert reason == ('indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".')
+def test_no_indicators_of_an_earlier_run_without_pyarrow(tmp_path, monkeypatch):
+    monkeypatch.setattr(table, "find_spec", lambda _: None)
+    (tmp_path / "indicators.parquet").touch()  # of other records than the tables beside it
+    write_tables(records(), tmp_path)
     assert not (tmp_path / "indicators.parquet").exists()
