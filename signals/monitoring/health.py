@@ -248,8 +248,8 @@ def learn_machine(
         return _each(lambda seen, at: normal.read(seen, at).scores, values, covariates, axis=0)
 
     scores = own(learn_normal(values, covariates, layout, prior))
-    independent = independent_records(scores.reshape(records, -1), times_s).reshape(scores.shape[1:])
-    share = np.median(independent, axis=-1, keepdims=True) / records
+    counted = independent_records(scores.reshape(records, -1), times_s).reshape(2, *scores.shape[1:])
+    independent, share = counted[0], np.median(counted[1], axis=-1, keepdims=True) / records
     normal = learn_normal(values, covariates, layout, prior, independent=share)
     return normal, own(normal), independent
 

@@ -28,7 +28,11 @@ def correlations(apart: Array, memories: Array) -> Array:
 
 
 def independent_records(scores: Array, times_s: Array) -> Array:
-    """Return the number (scores,) of independent records whose mean is as uncertain as that of the records.
+    """Return the numbers (2, scores) of independent records whose mean, and variance, are as uncertain as the records'.
+
+    The variance of a mean is that of independent records times the mean of the correlations of all pairs, that of a
+    variance times the mean of their squares (Bayley and Hammersley 1946, J. R. Stat. Soc. Suppl. 8(2), 184-197): what
+    a long memory leaves uncertain is the mean.
 
     Parameters
     ----------
@@ -38,12 +42,12 @@ def independent_records(scores: Array, times_s: Array) -> Array:
         Their times in seconds; if one is NaN, all records count.
     """
     records = len(scores)
-    found = np.full(scores.shape[1], float(records))
+    found = np.full((2, scores.shape[1]), float(records))
     if not np.isfinite(times_s).all():
         return found
     latest, t = scores[-_MOST:], times_s[-_MOST:]
     covariance = correlations(np.abs(t[:, None] - t), _MEMORIES_S)
-    variance = covariance.mean(axis=(1, 2))  # of the mean
+    error = np.stack([covariance.mean(axis=(1, 2)), (covariance**2).mean(axis=(1, 2))])  # of mean and variance
     prior = np.concatenate([[0.6], np.tile(0.2 * _PRIOR / _PRIOR.sum(), len(SHARES))])
     told = np.isfinite(latest).all(axis=0) & (np.ptp(latest, axis=0) > 0)
     root = np.linalg.cholesky(covariance + 1e-9 * np.eye(t.size))  # records of the same time have one state
@@ -55,6 +59,6 @@ def independent_records(scores: Array, times_s: Array) -> Array:
     likelihood = np.log(prior)[:, None] - (log_det + np.log(ones) + (t.size - 1) * np.log(left)) / 2
     weight = np.exp(likelihood - likelihood.max(axis=0))
     weight /= weight.sum(axis=0)
-    found[:] = 1 / (prior @ variance)
-    found[told] = 1 / (variance @ weight)
+    found[:] = 1 / (error @ prior)[:, None]
+    found[:, told] = 1 / (error @ weight)
     return found
