@@ -42,7 +42,6 @@ from data_synth.integrators.problem import Accuracy as Accuracy
 from data_synth.integrators.problem import Integration as Integration
 from data_synth.integrators.problem import IntegrationError as IntegrationError
 from data_synth.integrators.problem import Load as Load
-from data_synth.integrators.problem import Outcome as Outcome
 from data_synth.integrators.problem import Output as Output
 from data_synth.integrators.problem import Problem as Problem
 from data_synth.integrators.problem import State as State

@@ -5,7 +5,7 @@ and the variation of a stiffness, and the lag of lines behind a varying speed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from data_synth.fidelity.linear_response import (
     Response,
     ToothForces,
     obstacle,
+    period_of,
     response_of,
     tooth_forces,
     with_lines,
@@ -32,6 +33,8 @@ _NOTHING_DB = -150.0
 _MARGIN_DB, _MODES_PASSED = 3.0, 4.0
 """Margin below the floor for neglected terms; and the ratio of the power of the lag to its value at the instants,
 between which the speed may pass modes."""
+_Place = tuple[int, int, Array, ComplexArray]
+"""A mesh at an instant: their numbers, and frequency in Hz and excitation in N of its lines."""
 _STENCIL = 0.25  # of the relative half-bandwidth of a mode: the step of second differences
 
 
@@ -81,14 +84,11 @@ class _Estimate:
     """Error of the linear response of gears, as mean powers in the channels, (sensor,)."""
 
     motion: Motion
+    _known: dict[int, tuple[ToothForces, list[_Place]]] = field(default_factory=dict, init=False)
 
     @cached_property
     def _response(self) -> Response:
         return response_of(self.motion)
-
-    @cached_property
-    def _forces(self) -> list[ToothForces]:
-        return [tooth_forces(self.motion, mesh.name, points=COARSE) for mesh in self.motion.system.meshes]
 
     @cached_property
     def _instants(self) -> list[int]:
@@ -98,26 +98,35 @@ class _Estimate:
             return [0]
         return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
 
+    def _excited_by(self, mesh: int) -> tuple[ToothForces, list[_Place]]:
+        """Return the exciting force of a mesh, and its lines at every instant."""
+        if mesh not in self._known:
+            instants, speed_hz = self._instants, self.motion.stage.speed_hz
+            force = tooth_forces(self.motion, self.motion.system.meshes[mesh].name, points=COARSE)
+            lines = self._response.excitations(force, instants).T
+            both = zip(instants, lines, strict=True)
+            places = [(mesh, instant, force.orders * speed_hz[instant], excitation) for instant, excitation in both]
+            self._known[mesh] = force, places
+        return self._known[mesh]
+
     @cached_property
-    def _places(self) -> list[tuple[int, int, Array, ComplexArray]]:
-        """Every mesh at every instant: their numbers, and frequency in Hz and excitation in N of its lines."""
-        instants, speed_hz = self._instants, self.motion.stage.speed_hz
-        return [
-            (mesh, instant, force.orders * speed_hz[instant], excitation)
-            for mesh, force in enumerate(self._forces)
-            for instant, excitation in zip(instants, self._response.excitations(force, instants).T, strict=True)
-        ]
+    def _forces(self) -> list[ToothForces]:
+        return [self._excited_by(mesh)[0] for mesh in range(len(self.motion.system.meshes))]
+
+    @cached_property
+    def _places(self) -> list[_Place]:
+        """Every mesh at every instant."""
+        return [place for mesh in range(len(self._forces)) for place in self._excited_by(mesh)[1]]
 
     @cached_property
     def _transfers(self) -> list[ComplexArray]:
         """Lines in the channels per N of force of each mesh at each instant."""
         return [self._response.channels(mesh, frequency_hz) for mesh, _, frequency_hz, _ in self._places]
 
-    @cached_property
-    def _deflections(self) -> list[ComplexArray]:
-        """Lines of the deflections of all meshes in m, (mesh, line), by the force of each mesh at each instant."""
-        by = self._response.deflections_by
-        return [by(mesh, frequency_hz) * excitation for mesh, _, frequency_hz, excitation in self._places]
+    def _deflections(self, place: _Place) -> ComplexArray:
+        """Return the lines of the deflections of all meshes in m, (mesh, line), by the force of one at an instant."""
+        mesh, _, frequency_hz, excitation = place
+        return self._response.deflections_by(mesh, frequency_hz) * excitation
 
     def _mean(self, lines: list[ComplexArray]) -> Array:
         """Return the power (sensor,) of the lines of all meshes, averaged over the instants."""
@@ -125,18 +134,23 @@ class _Estimate:
         return np.asarray(np.sum(powers, axis=0) / len(self._instants))
 
     def teeth_part(self) -> bool:
-        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force."""
-        softest = [np.min(force.stiffness) for force in self._forces]
-        if np.any(softest < MIN_STIFFNESS * self._response.means):
-            return True
-        static_n = np.abs(self.motion.static_n)
-        total = np.zeros(static_n.shape)
-        for (mesh, instant, _, excitation), deflections in zip(self._places, self._deflections, strict=True):
-            lines = self._response.means[:, None] * deflections
-            lines[mesh] += excitation  # k (d - e) = k_mean d + q
-            total[:, instant] += np.sum(np.abs(lines), axis=1)
-        free = [mesh.backlash_m > 0 for mesh in self.motion.system.meshes]
-        return bool(np.any((total >= static_n)[free][:, self._instants]))
+        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force.
+
+        Meshes that repeat after few cycles have few lines, and come first.
+        """
+        static_n, meshes = np.abs(self.motion.static_n), self.motion.system.meshes
+        total, free = np.zeros(static_n.shape), [mesh.backlash_m > 0 for mesh in meshes]
+        for mesh in sorted(range(len(meshes)), key=lambda number: period_of(meshes[number])):
+            force, places = self._excited_by(mesh)
+            if np.min(force.stiffness) < MIN_STIFFNESS * self._response.means[mesh]:
+                return True
+            for place in places:
+                lines = self._response.means[:, None] * self._deflections(place)
+                lines[mesh] += place[-1]  # k (d - e) = k_mean d + q
+                total[:, place[1]] += np.sum(np.abs(lines), axis=1)
+            if np.any((total >= static_n)[free][:, self._instants]):
+                return True
+        return False
 
     def error_db(self, *, enough_db: float) -> float:
         """Return the relative RMS error of the worst channel in dB; above `enough_db` only a lower bound."""
@@ -164,9 +178,9 @@ class _Estimate:
         grid_hz = np.linspace(0.0, scene.rate_hz / 2, _BINS)
         for other, force in enumerate(self._forces):
             gain = np.mean(np.abs(self._response.channels(other, grid_hz)) ** 2, axis=1) * np.var(force.stiffness)
-            for (mesh, *_), deflections in zip(self._places, self._deflections, strict=True):
-                if mesh != other:
-                    found += gain * np.sum(np.abs(deflections[other]) ** 2) / 2 / len(self._instants)
+            for place in self._places:
+                if place[0] != other:
+                    found += gain * np.sum(np.abs(self._deflections(place)[other]) ** 2) / 2 / len(self._instants)
         return found
 
     def _lag(self) -> Array:

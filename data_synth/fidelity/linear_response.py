@@ -276,7 +276,7 @@ def obstacle(motion: Motion) -> str:
     if torque is not None and np.ptp(torque.values):
         return "the torque changes"
     for mesh in motion.system.meshes:
-        period, why = _period(mesh), ""
+        period, why = period_of(mesh), ""
         if mesh.history is not None:
             why = "change with time"
         elif period > _LONGEST:
@@ -302,7 +302,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     stage = motion.stage
     number = contacts_in(motion.system, name)[0]
     mesh = motion.system.meshes[number]
-    period = _period(mesh)
+    period = period_of(mesh)
     base_order = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
@@ -324,7 +324,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     )
 
 
-def _period(mesh: Mesh) -> int:
+def period_of(mesh: Mesh) -> int:
     """Return the mesh cycles after which stiffness and transmission error both repeat."""
     return math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Outcome, Steps
+from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Steps
 from data_synth.integrators.splitting import Stepper, channel_rows, refusal
 
 if TYPE_CHECKING:
@@ -175,7 +175,9 @@ def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iter
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
             detail = f"The motion exceeds the range of floating-point numbers at {times_s[np.argmin(finite)]:.6g} s."
-            raise IntegrationError(Outcome.DIVERGED, detail)
+            raise IntegrationError(
+                detail, "check load and damping, since the motion itself grows, or take more steps per sample"
+            )
         yield Integration(times_s=times_s, values=values, final=a.physical(x), steps_per_sample=steps)
         number, values = number + values.shape[0], values[:0]
 
@@ -206,9 +208,9 @@ def _enough_steps(assembled: Assembled, output: Output, relative: float, *, tria
             return steps if error <= tolerated else 2 * steps
         steps, coarse = 2 * steps, fine
     raise IntegrationError(
-        Outcome.TOLERANCE_NOT_REACHED,
         f"With {steps} steps per sample the relative error of the record would be about {error / _LEAST_GAIN:.2g}, "
         f"but {relative:g} is asked for.",
+        "tolerate a larger error, or raise rate_hz",
     )
 
 
@@ -231,7 +233,6 @@ def _too_coarse(assembled: Assembled, output: Output, steps: int) -> Integration
     if changed <= _MAX_CHANGE or not np.isfinite(changed):
         return None
     return IntegrationError(
-        Outcome.UNRESOLVED_STEP,
         f"A step of {step_s:.3g} s advances the mode at {rotations[mode] / step_s:.4g} rad/s by {rotations[mode]:.3g} "
         f"rad. Its share in a channel is {np.max(shares[:, mode]):.2g}, and {finer} times as many steps change that "
         f"channel by {changed:.2g} of its RMS. {int(np.ceil(rotations[mode] / _MAX_ROTATION * steps))} steps per "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -268,41 +267,24 @@ class Accuracy:
             raise ValueError(f"relative = {self.relative} must be above 0 and below 1.")
 
 
-class Outcome(Enum):
-    """Why an integration failed; the value is the remedy.
-
-    Examples
-    --------
-    >>> from data_synth.dynamics import Outcome
-    >>> Outcome.UNSTABLE_STEP.value
-    'take more steps per sample'
-    """
-
-    UNSTABLE_STEP = "take more steps per sample"
-    UNRESOLVED_STEP = "take more steps per sample, to resolve each mesh cycle and each mode"
-    TOLERANCE_NOT_REACHED = "tolerate a larger error, or raise rate_hz"
-    NOT_CONVERGED = "start closer to a solution, or approach it in smaller steps from a case that converges"
-    DIVERGED = "check load and damping, since the motion itself grows, or take more steps per sample"
-
-
 class IntegrationError(ArithmeticError):
-    """An integration that failed; it has the `outcome` and the figures behind it (`detail`), and states the remedy.
+    """An integration that failed: the reason with its figures (`detail`), and the remedy.
 
     Examples
     --------
     `integrate` and `integrate_blocks` raise it:
 
-    >>> from data_synth.dynamics import IntegrationError, Outcome
-    >>> print(IntegrationError(Outcome.UNSTABLE_STEP, "A step of 0.1 s is unstable."))
+    >>> from data_synth.dynamics import IntegrationError
+    >>> print(IntegrationError("A step of 0.1 s is unstable."))
     A step of 0.1 s is unstable. To do: take more steps per sample.
     """
 
-    def __init__(self, outcome: Outcome, detail: str) -> None:
-        super().__init__(outcome, detail)
-        self.outcome, self.detail = outcome, detail
+    def __init__(self, detail: str, remedy: str = "take more steps per sample") -> None:
+        super().__init__(detail, remedy)
+        self.detail, self.remedy = detail, remedy
 
     def __str__(self) -> str:
-        return f"{self.detail} To do: {self.outcome.value}."
+        return f"{self.detail} To do: {self.remedy}."
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import linalg
 
 from data_synth.integrators.modal_problem import modal_rows
-from data_synth.integrators.problem import Array, IntegrationError, Outcome
+from data_synth.integrators.problem import Array, IntegrationError
 
 if TYPE_CHECKING:
     from data_synth.integrators._splitting_kernels import StepFlow
@@ -41,7 +41,6 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
     impulse = variation * step_s**2
     if impulse >= _MAX_IMPULSE:
         return IntegrationError(
-            Outcome.UNSTABLE_STEP,
             f"A step of {step_s:.3g} s is unstable: the variation of the mesh stiffness over the mass, "
             f"{variation:.4g} rad2/s2, times the step squared is {impulse:.3g}, but must be below {_MAX_IMPULSE:g}; "
             f"steps up to {np.sqrt(_MAX_IMPULSE / variation):.3g} s are stable.",
@@ -54,8 +53,7 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
     if per_step <= _MAX_CYCLES:
         return None
     return IntegrationError(
-        Outcome.UNRESOLVED_STEP,
-        f"A step of {step_s:.3g} s spans {per_step:.3g} mesh cycles, but must not exceed {_MAX_CYCLES:g}.",
+        f"A step of {step_s:.3g} s spans {per_step:.3g} mesh cycles, but must not exceed {_MAX_CYCLES:g}."
     )
 
 

@@ -20,7 +20,7 @@ from data_synth.scene.faults import ROW_OF, Fault, GearFault
 from data_synth.scene.machine_faults import BearingFault
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.families import harmonic_families, impact_trains, last_s, ratio_of
+from data_synth.sources.families import harmonic_families, impact_trains, last_s, ratio_of, turning_ratios
 from data_synth.transfer.acquisition import linear_chain
 from data_synth.transfer.housing import force_response, sensitive_direction
 from data_synth.transfer.paths import (
@@ -41,7 +41,10 @@ _LITTLE, _SLOW = 0.01, 0.3
 """Largest relative change of speed between two instants, since a line crosses a mode within a change equal to the
 damping ratio; and the fraction of the top speed below which the change is relative to that, since slow speeds have weak
 lines."""
-_FEWEST, _RAMP_KNOTS = 21, 2  # instants of a ramp, at least, and knots of its history
+_FEWEST, _MOST_PER_REV, _RAMP_KNOTS = 20, 4, 2
+"""Intervals between the instants of a ramp, at least; per revolution of the fastest shaft, at most; and the knots of
+its history."""
+_STANDSTILL_HZ, _ROUNDING = 1e-9, 1e-9  # of a shaft; and of a number of intervals
 
 # ---- Prepared --------------------------------------------------------------------------------------------------------
 
@@ -232,9 +235,9 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
 def truth_instants(scene: Scene, drive: Drive) -> Array:
     """Return the instants of the truth in s, between which amplitudes are linear.
 
-    They are uniform, 20 per second. In gear dynamics, constant conditions need both ends only, and ramps 21 instants,
-    which leaves room for more lines; others are added: two at a jump of speed or torque, one at a corner, and enough
-    for the speed to change little between them.
+    They are uniform, 20 per second. In gear dynamics, constant conditions need both ends only, and ramps 21 instants at
+    equal angles, which leaves room for more lines; others are added: two at a jump of speed or torque, one at a corner,
+    and enough for the speed to change little between them, except where neighbouring lines could not be resolved.
     """
     instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
     if scene.fidelity == "kinematic":
@@ -243,10 +246,11 @@ def truth_instants(scene: Scene, drive: Drive) -> Array:
     varies = any(len({value for _, value in history.knots}) > 1 for history in histories)
     grows = any(fault.growth is not None for fault in scene.faults)
     # growth changes no instants of a ramp, so that lines without the fault are the same
-    if not (imperfections_of(scene).temperature or scene.speed.run_up or (grows and not varies)) and all(
+    ramps = not (imperfections_of(scene).temperature or scene.speed.run_up or (grows and not varies)) and all(
         len(history.knots) <= _RAMP_KNOTS and not history.turbulence for history in histories
-    ):
-        instants_s = np.linspace(0.0, scene.duration_s, min(scene.truth_times, _FEWEST) if varies else 2)
+    )
+    if ramps:
+        instants_s = np.array([0.0, scene.duration_s])
     for history in histories:
         if len(history.knots) > 1:
             times, values = np.array(history.knots).T
@@ -257,14 +261,20 @@ def truth_instants(scene: Scene, drive: Drive) -> Array:
             if corners.size <= scene.truth_times:  # a measured history may consist of corners
                 sides = np.add.outer([-_JUMP / scene.rate_hz, _JUMP / scene.rate_hz], jumps).ravel()
                 instants_s = np.unique(np.concatenate([instants_s, np.setdiff1d(corners, jumps), sides]))
-    speed_hz = np.abs(drive.angle.speed_hz(instants_s))
-    faster_hz = np.maximum(np.maximum(speed_hz[1:], speed_hz[:-1]), _SLOW * np.max(speed_hz, initial=1e-300))
-    parts = np.ceil(np.abs(np.diff(speed_hz)) / (_LITTLE * faster_hz)).astype(int)
-    parts[np.diff(instants_s) < 1 / scene.rate_hz] = 1
-    shares = [np.arange(count) / count for count in np.maximum(parts, 1).tolist()]
-    steps = np.repeat(np.diff(instants_s), [share.size for share in shares])
-    firsts = np.repeat(instants_s[:-1], [share.size for share in shares])
-    return np.concatenate([firsts + steps * np.concatenate(shares), instants_s[-1:]])
+    steps_s, speed_hz = np.diff(instants_s), np.maximum(np.abs(drive.angle.speed_hz(instants_s)), _STANDSTILL_HZ)
+    first_hz, last_hz = speed_hz[:-1], speed_hz[1:]
+    turned = steps_s * (first_hz + last_hz) / 2
+    slow_hz = np.maximum(np.maximum(first_hz, last_hz), _SLOW * np.max(speed_hz))
+    fastest = max(map(abs, turning_ratios(scene).values()))
+    parts = np.minimum(np.abs(last_hz - first_hz) / (_LITTLE * slow_hz), np.floor(_MOST_PER_REV * fastest * turned))
+    if ramps and varies:
+        parts = np.maximum(parts, _FEWEST * turned / np.sum(turned))
+    counts = np.maximum(np.ceil(parts - _ROUNDING), 1).astype(int)
+    numbers = np.repeat(np.arange(counts.size), counts)
+    shares = np.concatenate([np.arange(count) / count for count in counts.tolist()])
+    first_hz, last_hz = first_hz[numbers], last_hz[numbers]
+    in_angle = shares * (first_hz + last_hz) / (first_hz + np.sqrt(first_hz**2 + shares * (last_hz**2 - first_hz**2)))
+    return np.append(instants_s[numbers] + steps_s[numbers] * in_angle, instants_s[-1])
 
 
 def _offset_at_first(fault: Fault, number: int, *, rng_for: RandomStreams) -> float:

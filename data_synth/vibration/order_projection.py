@@ -28,14 +28,13 @@ _BETA = 2.0 * _SPREAD
 _DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 16  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
 _RISE, _RISE_OF_CONSTANTS = 0.06, 0.05  # of an interval, and of a record, in which the weight rises from zero to one
-_APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.5, 0.25
-"""Least distance of a line from order zero and from every stronger line: in cycles per mean interval, the same when
-closer lines are added, and in cycles per record for constant amplitudes. Closer lines of constant amplitude are
-resolved, but splines at as many orders would have more coefficients than there are samples."""
-_ENOUGH, _ENOUGH_NEARER = 2e-4, 3e-3
-"""Share of the power left that suffices: below the first, intervals are not shortened; below the second, no closer
-lines are added."""
-_WORSE = 2.0  # times as much left, with closer lines: a step that leaves more is the last
+_APART, _APART_OF_CONSTANTS = 0.5, 0.25
+"""Least distance of a line from order zero and from every stronger line: in cycles per mean interval, and in cycles per
+record for constant amplitudes. Closer lines of constant amplitude are resolved, but splines at as many orders would
+have more coefficients than there are samples."""
+_ENOUGH, _WORSE = 2e-4, 2.0
+"""Share of the power left below which intervals are not shortened; and times as much left: a step that leaves more is
+the last."""
 _UNKNOWNS = 0.65  # coefficients per sample, at most: with more, splines would fit any signal
 _LEFT_OUT = 1e-4  # of the power of all lines: total of the weakest
 _SHORTEST = 0.25  # of the mean interval: shorter ones need not be resolved by the transform of a line
@@ -104,28 +103,32 @@ def projection(
     spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape))
     places, halvings = np.flatnonzero(orders < spectrum.top_order), (finest // _FEWEST or 1).bit_length() - 1
     ladder = [finest >> number for number in range(halvings, -1, -1)]
-    fitted = partial(_fitted, spectrum, orders[places], at_rev=at_rev, most=most)
-    best = fitted(ladder[0], apart=_APART_OF_CONSTANTS if steady else _APART)
-    for apart, enough, worse in () if steady else ((_APART, _ENOUGH, 1.0), (_NEARER, _ENOUGH_NEARER, _WORSE)):
-        for intervals in ladder[ladder.index(best.intervals) + (apart == _APART) :]:
-            if np.max(best.left) < enough or 2 * best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
-                break
-            found = fitted(intervals, apart=apart)
-            if np.sum(found.left) > worse * np.sum(best.left):
-                break
-            best = min(best, found, key=lambda each: float(np.sum(each.left)))
+    fitted = partial(_fitted, spectrum, at_rev=at_rev, most=most)
+    best = fitted(orders[places], ladder[0])
+    for intervals in ladder[1:]:
+        if np.max(best.left) < _ENOUGH or best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
+            break
+        found = fitted(orders[places], intervals)
+        if np.sum(found.left) > _WORSE * np.sum(best.left):
+            break
+        best = min(best, found, key=_total_left)
+    if 0 < best.chosen.size == most:  # the lines left out had taken parts of those
+        found = fitted(orders[places[best.chosen]], best.intervals)
+        best = min(best, replace(found, chosen=best.chosen[found.chosen]), key=_total_left)
     from_zero = np.exp(-2j * np.pi * np.remainder(orders[places[best.chosen]] * revolutions[0], 1.0))
     return replace(best, chosen=places[best.chosen], amplitudes=best.amplitudes * from_zero[:, None])
 
 
-def _fitted(
-    spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None, apart: float
-) -> Projection:
+def _total_left(found: Projection) -> float:
+    return float(np.sum(found.left))
+
+
+def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None) -> Projection:
     """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
     spectrum = replace(spectrum, intervals=intervals)
-    interval_rev = spectrum.span_rev / max(intervals, 1)
+    interval_rev, apart = spectrum.span_rev / max(intervals, 1), _APART if intervals else _APART_OF_CONSTANTS
     some, gaps = _separate(orders, spectrum.power_about(orders, 1 / interval_rev), apart=apart / interval_rev)
-    knots_rev, least_rev = at_rev - spectrum.revolutions[0], _NEARER / gaps
+    knots_rev, least_rev = at_rev - spectrum.revolutions[0], _APART / gaps
     lines = _Lines(
         spectrum=spectrum, orders=orders[some], intervals=intervals, knots_rev=knots_rev, least_rev=least_rev
     )

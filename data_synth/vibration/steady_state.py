@@ -11,7 +11,7 @@ from scipy import linalg
 
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import IntegrationError, Outcome, State, Steps
+from data_synth.integrators.problem import IntegrationError, State, Steps
 from data_synth.integrators.splitting import Stepper, refusal
 
 if TYPE_CHECKING:
@@ -130,8 +130,8 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
     x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
     if residual > _TOLERANCE:
         raise IntegrationError(
-            Outcome.NOT_CONVERGED,
             f"After {iterations} iterations the state still changes by {residual:.2g} of its norm over a period.",
+            "start closer to a solution, or approach it in smaller steps from a case that converges",
         )
     state = assembled.physical(x)
     return PeriodicState(

@@ -36,7 +36,6 @@ from data_synth.integrators.problem import (
     Accuracy,
     IntegrationError,
     Load,
-    Outcome,
     Output,
     Problem,
     State,
@@ -388,7 +387,7 @@ class TestAccuracy:
             IntegrationError, match=r"256 steps per sample.*1e-15 is asked for.*To do: tolerate"
         ) as caught:
             integrate(problem, output=output(50e3), tolerance=ask)
-        assert caught.value.outcome is Outcome.TOLERANCE_NOT_REACHED
+        assert "tolerate a larger error" in str(caught.value)
 
 
 class TestRefusals:
@@ -396,7 +395,7 @@ class TestRefusals:
         problem = driven(pair(rectangle(0.0, 2e8, 0.5)), duration_s=0.01)
         with pytest.raises(IntegrationError) as caught:
             integrate(problem, output=output(4e3), tolerance=ONE)
-        assert caught.value.outcome is Outcome.UNSTABLE_STEP
+        assert "unstable" in caught.value.detail
 
     @pytest.mark.parametrize("steps", [1, 2, 4])
     def test_modes_that_no_step_resolves(self, steps):
@@ -406,7 +405,6 @@ class TestRefusals:
             IntegrationError, match=r"share in a channel is 1, .* of its RMS.*To do: take more"
         ) as caught:
             integrate(problem, output=output(50e3), tolerance=Steps(per_sample=steps))
-        assert caught.value.outcome is Outcome.UNRESOLVED_STEP
         assert f"advances the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in caught.value.detail
         assert "25 steps per sample resolve the mode" in caught.value.detail
 
@@ -429,9 +427,8 @@ class TestRefusals:
     def test_steps_over_mesh_cycles(self):
         problem = driven(pair(ten_harmonics(), bearings=1e4), duration_s=0.1)
         # 1326.4 Hz over 1 ms
-        with pytest.raises(IntegrationError, match=r"1\.33 mesh cycles") as caught:
+        with pytest.raises(IntegrationError, match=r"1\.33 mesh cycles.* To do: take more steps per sample"):
             integrate(problem, output=output(1e3), tolerance=ONE)
-        assert caught.value.outcome is Outcome.UNRESOLVED_STEP
 
     def test_motion_that_grows_without_end(self):
         problem = driven(pair(constant(), damping=-1e5 * np.diag(MASSES)), duration_s=0.1)
