@@ -61,35 +61,26 @@ def _update(chain: SlipChain, m: int, h: Floats) -> float:
 
 
 @compiled_sums_in_place
-def _fill_transition(chain: SlipChain, m: int, state: Floats, c: Floats) -> None:
-    """Fill c, (state,), of the transition F = I + c (0, ..., 0, 1) half of the way from block m to the next."""
-    half, harmonics = 0.5 * (chain.angle[chain.centres[m + 1]] - chain.angle[chain.centres[m]]), c.size // 2 - 1
+def _turn(chain: SlipChain, m: int, state: Floats, M: Floats, v: Floats, back: bool, work: Floats) -> None:
+    """Predict half of the way from block m to the next by F, or go back: T M T^T and T v.
+
+    F = I + c e^T: the slip, of unit vector e, turns the amplitudes of the state by c. Of information, J and j, T is
+    F^-T = I - e c^T; of a covariance P and a mean x, going back, F^-1 = I - c e^T. Scratch is (3, state).
+    """
+    c, e, product, size, harmonics = work[0], work[1], work[2], v.size, v.size // 2 - 1
+    c[:], e[:], e[-1] = 0.0, 0.0, 1.0
+    half = 0.5 * (chain.angle[chain.centres[m + 1]] - chain.angle[chain.centres[m]])
     for k in range(harmonics):
         c[k] = -(k + 1) * half * state[harmonics + k]
         c[harmonics + k] = (k + 1) * half * state[k]
-
-
-@compiled_sums_in_place
-def _predict(J: Floats, j: Floats, c: Floats) -> None:
-    """Predict by F: J becomes F^-T J F^-1, j F^-T j."""
-    for a in range(c.size):
-        j[-1, 0] -= c[a] * j[a, 0]
-        J[a, -1] -= dot(c, J[a])
-    for a in range(c.size - 1):
-        J[-1, a] = J[a, -1]
-    J[-1, -1] -= dot(c, J[-1])
-
-
-@compiled_sums_in_place
-def _undo(P: Floats, x: Floats, c: Floats) -> None:
-    """Undo the prediction by F: P becomes F^-1 P F^-T, x F^-1 x."""
-    for a in range(c.size):
-        x[a, 0] -= c[a] * x[-1, 0]
-        for b in range(c.size):
-            P[a, b] -= c[a] * P[-1, b]
-    for a in range(c.size):
-        for b in range(c.size):
-            P[b, a] -= c[a] * P[b, -1]
+    u, w = (c, e) if back else (e, c)
+    for a in range(size):
+        product[a] = dot(M[a], w)
+    whole, level = dot(product, w), dot(w, v[:, 0])
+    for a in range(size):
+        v[a, 0] -= u[a] * level
+        for b in range(size):
+            M[a, b] -= u[a] * product[b] + u[b] * product[a] - u[a] * u[b] * whole
 
 
 @compiled
@@ -101,7 +92,7 @@ def filter_blocks(chain: SlipChain, extended: bool) -> float:
     """
     J, j, states, (blocks, size) = chain.J, chain.j, chain.states, chain.states.shape
     no_data, no_score, h, squares = np.zeros((1, size**2)), np.zeros((1, size)), np.empty(size), np.zeros(1)
-    total, P, c = 0.0, J, np.zeros(size)
+    total, P, work = 0.0, J, np.empty((3, size))
     for m in range(blocks):
         own = slice(m, m + 1)
         total += _update(chain, m, h)
@@ -115,17 +106,15 @@ def filter_blocks(chain: SlipChain, extended: bool) -> float:
             if extended:
                 turn = chain.angle[chain.centres[m + 1]] - chain.angle[chain.centres[m]]
                 states[m + 1], chain.slip_phase[m + 1] = states[m], chain.slip_phase[m] + states[m, -1] * turn
-            # Half of the way by F, from now on the difference from the next state, its increments, and the other half.
-            _fill_transition(chain, m, states[m], c)
-            _predict(J, j, c)
+            # Predict: half of the way, the difference from the next state, its increments, and the other half.
+            _turn(chain, m, states[m], J, j, False, work)
             for a in range(size):
                 for b in range(size):
                     j[a, 0] -= J[a, b] * (states[m + 1, b] - states[m, b])
             filled = chain.gains[own], chain.shares[own], chain.offsets[own]
             if np.isnan(filter_forward(no_data, no_score, chain.process[own], False, J, j, *filled, squares)):
                 return np.nan
-            _fill_transition(chain, m, states[m + 1], c)
-            _predict(J, j, c)
+            _turn(chain, m, states[m + 1], J, j, False, work)
         if extended:
             chain.gains[m] = P
     return total
@@ -135,16 +124,14 @@ def filter_blocks(chain: SlipChain, extended: bool) -> float:
 def smooth_blocks(chain: SlipChain) -> None:
     """Smooth what was filtered: fill the differences of the estimates from the states, and their covariances."""
     blocks, size = chain.states.shape
-    no_data, row, unused, c = np.zeros((1, size**2)), np.empty(size), np.empty((1, size)), np.zeros(size)
-    P = np.ascontiguousarray(np.linalg.inv(chain.J))
+    no_data, row, unused = np.zeros((1, size**2)), np.empty(size), np.empty((1, size))
+    work, P = np.empty((3, size)), np.ascontiguousarray(np.linalg.inv(chain.J))
     x = P @ chain.j
     chain.offsets[blocks - 1], chain.gains[blocks - 1] = x, P
     for m in range(blocks - 2, -1, -1):
         own = slice(m, m + 1)
-        _fill_transition(chain, m, chain.states[m + 1], c)
-        _undo(P, x, c)
+        _turn(chain, m, chain.states[m + 1], P, x, True, work)
         smooth_backward(no_data, chain.gains[own], chain.shares[own], P, x, row, chain.offsets[own], unused, unused[0])
         x[:, 0] += chain.states[m + 1] - chain.states[m]
-        _fill_transition(chain, m, chain.states[m], c)
-        _undo(P, x, c)
+        _turn(chain, m, chain.states[m], P, x, True, work)
         chain.offsets[m], chain.gains[m] = x, P

@@ -5,8 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.state_space import PRIOR_STD, Floats
+from signals.harmonics.state_space import Floats
 from signals.slipping_order._kernels import SlipChain, filter_blocks, smooth_blocks
 from signals.slipping_order.slip_detection import SlipRecord
 
@@ -19,10 +18,13 @@ _CONVERGED = 1e-3
 
 
 def chain_of(record: SlipRecord, *, noise_variance: float) -> SlipChain:
-    """Return the chain of a record's blocks."""
-    edges, centres, _ = record.blocks
-    q = process_variance(orders=[record.order], bandwidth=record.width, rate=1.0, poles=1, noise_variance=1.0)
-    process = np.diff(np.cumsum(q)[centres]) if q.size > 1 else q[0] * np.diff(centres)
+    """Return the chain of a record's blocks.
+
+    Filter and smoother raise `numpy.linalg.LinAlgError` where information is not positive definite in double precision.
+    """
+    (edges, centres, _), model = record.blocks, record.model
+    q = np.broadcast_to(model.process_noise()[:, 0], record.x.size)
+    process = np.diff(np.cumsum(q)[centres])
     # Zero where the bandwidth is, or the shaft rests; but it is a divisor.
     process = np.maximum(process, 1e-12 * q.max())
     # The number of turns in a long gap is unknown: the phase after it must not determine the slip within.
@@ -30,13 +32,13 @@ def chain_of(record: SlipRecord, *, noise_variance: float) -> SlipChain:
     before, after = observed[:-1], observed[1:]
     turned = record.turning[edges[after]] - record.turning[edges[before + 1] - 1]
     cut = (after - before > 1) & (turned > 2 * pi * record.steady_rev)
-    process[(before[cut] + after[cut]) // 2] = PRIOR_STD**2
+    process[(before[cut] + after[cut]) // 2] = model.prior_std**2
     # Not less than the rounding of a slip.
     slip = np.maximum(record.slip_change**2 * np.diff(record.turning[centres]) / (2 * pi), 1e-24)
-    size, blocks = 2 * record.harmonics + 2, centres.size
-    prior_std = np.append(np.full(size - 1, PRIOR_STD), record.largest_slip)
+    size, blocks = 2 * model.orders.size + 2, centres.size
+    prior_std = np.append(np.full(size - 1, model.prior_std), record.largest_slip)
     return SlipChain(
-        x=record.x / np.sqrt(noise_variance), angle=record.order * record.phase, edges=edges, centres=centres,
+        x=record.x / np.sqrt(noise_variance), angle=model.orders[0] * model.phases[0], edges=edges, centres=centres,
         process=np.column_stack([*[process] * (size - 2), 0.5 * process, slip]),  # the mean has one quadrature
         states=np.zeros((blocks, size)), slip_phase=np.zeros(blocks), J=np.diag(prior_std**-2), j=np.zeros((size, 1)),
         gains=np.empty((blocks, size, size)), shares=np.empty((blocks, size)), offsets=np.empty((blocks, size, 1)),
@@ -48,20 +50,12 @@ def extended_filter(chain: SlipChain, *, slip: float, slip_std: float) -> tuple[
     J = chain.J.copy()
     J[-1, -1] = slip_std**-2
     run = chain._replace(states=chain.states + np.append(np.zeros(len(J) - 1), slip), J=J)
-    return run, _filter(run, extended=True)
+    return run, _checked(filter_blocks(run, True))
 
 
-def _filter(chain: SlipChain, *, extended: bool) -> float:
-    try:
-        total = filter_blocks(chain, extended)
-    except np.linalg.LinAlgError:
-        total = np.nan
+def _checked(total: float) -> float:
     if not np.isfinite(total):
-        raise FloatingPointError(
-            f"the covariance of {chain.centres.size} blocks is not positive definite in double precision, with x of "
-            f"up to {np.nanmax(np.abs(chain.x)):.2g} times the noise; take a larger slip_change_per_rev, a wider "
-            "bandwidth or, where that is more than the record is good for, a larger noise_variance."
-        )
+        raise np.linalg.LinAlgError("information matrix is not positive definite")
     return total
 
 
@@ -79,8 +73,8 @@ def _linearised(chain: SlipChain, states: Floats, slip_phase: Floats) -> tuple[S
     before = chain.J @ states[0]
     filled = {name: np.empty_like(getattr(chain, name)) for name in ("gains", "shares", "offsets")}
     run = chain._replace(states=states, slip_phase=own_phase, J=chain.J.copy(), j=-before[:, None], **filled)
-    total = _filter(run, extended=False) + np.sum(np.diff(states, axis=0) ** 2 / chain.process) + states[0] @ before
-    return run, 0.5 * float(total)
+    total = filter_blocks(run, False) + np.sum(np.diff(states, axis=0) ** 2 / chain.process) + states[0] @ before
+    return run, _checked(0.5 * float(total))
 
 
 def _smoothed(chain: SlipChain) -> tuple[Floats, float]:

@@ -11,7 +11,7 @@ Markov's inequality for exp(theta score) with the best theta bounds the probabil
 more the slip may change. The bound is averaged over the distribution of an estimated R.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, pi
@@ -35,34 +35,26 @@ class SlipRecord:
     """A record with the shaft angle, which may rest and turn back, and the order searched for."""
 
     x: Floats  # (n,)
-    phase: Floats  # (n,), rad
-    order: float  # of the fundamental, cycles per revolution
-    harmonics: int  # number of harmonics
+    model: HarmonicModel  # of the harmonics of the order, equally wide, about the angle
     largest_slip: float  # relative to the order
     slip_change: float  # standard deviation of the slip's change in a revolution
-    width: Floats  # (1,) or (n,), bandwidth of the amplitude in cycles per sample
     every: int | None = None  # samples from output to output
-
-    @property
-    def top(self) -> float:
-        """Order of the highest harmonic."""
-        return self.order * self.harmonics
 
     @property
     def steady_rev(self) -> float:
         """Revolutions over which the random walk of the slip turns the highest harmonic by a radian."""
         # A random walk of variance v a revolution turns by an angle of variance (2 pi order)^2 v m^3 / 3 in m of them.
-        return float((np.sqrt(3) / (2 * pi * self.top * self.slip_change)) ** (2 / 3))
+        return float((np.sqrt(3) / (2 * pi * self.model.orders[-1] * self.slip_change)) ** (2 / 3))
 
     @cached_property
     def turning(self) -> Floats:
         """(n,) array, total rotation of the shaft since the first sample, in either direction, in rad."""
-        return np.append(0.0, np.cumsum(np.abs(np.diff(self.phase))))
+        return np.append(0.0, np.cumsum(np.abs(np.diff(self.model.phases[0]))))
 
     @cached_property
     def per_rev(self) -> float:
         """Samples per revolution at the speed averaged over the angle, so that rests do not count."""
-        step = np.diff(self.phase)
+        step = np.diff(self.model.phases[0])
         return float(2 * pi * self.turning[-1] / (step @ step))
 
     @cached_property
@@ -71,8 +63,9 @@ class SlipRecord:
 
         (block + 1,) first samples and one past the last, (block,) middle samples, (output,) blocks with an output.
         """
-        n, most_rev = self.x.size, min(_SLIP_BLOCK * self.steady_rev, _TURN_OF_BLOCK / (self.top * self.largest_slip))
-        longest = max(1, int(min(_BLOCK / float(self.width.max()), most_rev * self.per_rev)))
+        n, turn = self.x.size, self.model.orders[-1] * self.largest_slip  # in a revolution
+        most_rev = min(_SLIP_BLOCK * self.steady_rev, _TURN_OF_BLOCK / turn)
+        longest = max(1, int(min(_BLOCK / float(self.model.bandwidth.max()), most_rev * self.per_rev)))
         longest -= (longest + 1) % 2 if longest > 1 else 0  # an odd number of samples has a middle one
         every = min(self.every or longest, n)
         shares = -(-every // longest)  # the fewest blocks per output of which none is too long
@@ -83,8 +76,9 @@ class SlipRecord:
     @cached_property
     def segments(self) -> tuple[slice, ...]:
         """Blocks of each segment with nearly constant amplitude and slip."""
-        width = np.average(np.broadcast_to(self.width, self.x.size)[1:], weights=np.diff(self.turning)) * self.per_rev
-        count = max(1, round(self.turning[-1] / (2 * pi) * max(width, 1 / self.steady_rev)))
+        width = np.broadcast_to(self.model.bandwidth[0], self.x.size)[1:]
+        per_rev = np.average(width, weights=np.diff(self.turning)) * self.per_rev
+        count = max(1, round(self.turning[-1] / (2 * pi) * max(per_rev, 1 / self.steady_rev)))
         turning, begins = self.turning[self.blocks[1]], self.turning[-1] * np.arange(count) / count
         cuts = np.unique([*np.searchsorted(turning, begins).tolist(), turning.size])
         return tuple(slice(int(a), int(b)) for a, b in pairwise(cuts))
@@ -106,20 +100,20 @@ class Ridge(NamedTuple):
 
 def search(record: SlipRecord, *, noise_variance: float | None) -> Ridge:
     """Search for the line."""
-    edges, centres, _ = record.blocks
+    model, (edges, centres, _) = record.model, record.blocks
+    phase, revolutions = model.phases[0], record.turning[-1] / (2 * pi)
     # Where the shaft turns back, the angle covers less than the total rotation.
-    spans = [np.ptp(record.phase[edges[part.start] : edges[part.stop] + 1]) for part in record.segments]
-    slip_width = 2 * pi / float(np.median(spans)) / record.top
+    spans = [np.ptp(phase[edges[part.start] : edges[part.stop] + 1]) for part in record.segments]
+    slip_width = 2 * pi / float(np.median(spans)) / model.orders[-1]
     half = max(1, ceil(2 * record.largest_slip / slip_width))  # two slips for each width (1 / segment) of a line
     grid = np.linspace(-record.largest_slip, record.largest_slip, 2 * half + 1)
-    number = np.arange(1.0, record.harmonics + 1)
     noise, freedom = noise_variance or 0.0, np.inf
     if noise_variance is None:
-        searched = record.largest_slip * record.order * number / record.per_rev
-        noise, freedom = _on_both_sides(record, record.phase, searched, np.nan, curved=False)
+        searched = record.largest_slip * model.orders / record.per_rev
+        noise, freedom = _on_both_sides(record.x, replace(model, bandwidth=searched[:, None]), np.nan, curved=False)
         if not noise > 0:
             raise ValueError(
-                f"x shows {'no noise' if noise == 0 else 'too little'} on both sides of order {record.order:g}, and "
+                f"x shows {'no noise' if noise == 0 else 'too little'} on both sides of order {model.orders[0]:g}, and "
                 "without its variance nothing can be weighed: take a longer record or fewer harmonics, or pass "
                 "noise_variance."
             )
@@ -132,42 +126,37 @@ def search(record: SlipRecord, *, noise_variance: float | None) -> Ridge:
     if noise_variance is None:
         # a smooth course of the slip: the density takes steps in speed for a line that sweeps over its neighbours
         smooth = np.polynomial.Polynomial.fit(middle, slip, min(3, slip.size - 1))(record.turning)
-        phase = record.phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(record.phase)))
-        widest = max(float(record.width.max()), 1 / (record.steady_rev * record.per_rev))
-        curved = widest * record.per_rev * record.turning[-1] / (2 * pi) >= SEGMENT
-        noise, _ = _on_both_sides(record, phase, np.full(number.size, widest), noise, curved=curved)
+        phase = phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(phase)))
+        widest = max(float(model.bandwidth.max()), 1 / (record.steady_rev * record.per_rev))
+        along = replace(model, phases=(phase,), bandwidth=np.full((model.orders.size, 1), widest))
+        curved = widest * record.per_rev * revolutions >= SEGMENT
+        noise, _ = _on_both_sides(record.x, along, noise, curved=curved)
     return Ridge(float(slip[0]), slip_width, noise, probability)
 
 
 def _power(record: SlipRecord, grid: Floats) -> tuple[Floats, int]:
     """Return the (segment, slip) sums of the harmonics' powers, R each in white noise, and how many are in a path."""
-    edges, centres, _ = record.blocks
+    (edges, centres, _), orders, phase = record.blocks, record.model.orders, record.model.phases[0]
     # Samples at which the shaft rests hold no information on the slip.
     still = np.concatenate([[True], np.diff(record.turning) == 0, [True]])
     seen = ~(np.isnan(record.x) | (still[:-1] & still[1:]))
     counts = np.array([np.count_nonzero(seen[edges[part.start] : edges[part.stop]]) for part in record.segments])
     power = np.zeros((counts.size, grid.size))
-    product, turn = np.where(seen, record.x, 0.0).astype(np.complex128), phasors(record.order * record.phase)
-    for number in range(1, record.harmonics + 1):
+    product, turn = np.where(seen, record.x, 0.0).astype(np.complex128), phasors(orders[0] * phase)
+    for order in orders:
         product *= turn
         sums = np.add.reduceat(product, edges[:-1])
         for segment, part in enumerate(record.segments):
-            angle = record.phase[centres[part]]
-            away = np.outer(number * record.order * grid, angle - angle.mean())
-            power[segment] += np.abs(phasors(away) @ sums[part]) ** 2 / max(counts[segment], 1)
-    return power, record.harmonics * int(np.count_nonzero(counts))
+            angle = phase[centres[part]]
+            away = phasors(np.outer(order * grid, angle - angle.mean()))
+            power[segment] += np.abs(away @ sums[part]) ** 2 / max(counts[segment], 1)
+    return power, orders.size * int(np.count_nonzero(counts))
 
 
-def _on_both_sides(
-    record: SlipRecord, phase: Floats, bandwidth: Floats, white: float, *, curved: bool
-) -> tuple[float, float]:
-    """Return the geometric mean of the density about the harmonics and its degrees of freedom."""
-    model = HarmonicModel(
-        orders=record.order * np.arange(1.0, record.harmonics + 1), shaft=np.zeros(record.harmonics, dtype=np.int64),
-        phases=(phase,), bandwidth=bandwidth[:, None], poles=1, prior_std=1.0,
-    )  # fmt: skip
-    seen = ~np.isnan(record.x)
-    density, freedom = noise_density(np.where(seen, record.x, 0.0)[None], seen, model, np.array([white]), curved=curved)
+def _on_both_sides(x: Floats, model: HarmonicModel, white: float, *, curved: bool) -> tuple[float, float]:
+    """Return the geometric mean of the density about the orders and its degrees of freedom."""
+    seen = ~np.isnan(x)
+    density, freedom = noise_density(np.where(seen, x, 0.0)[None], seen, model, np.array([white]), curved=curved)
     with np.errstate(divide="ignore"):
         return float(np.exp(np.log(density).mean())), float(freedom.mean())
 

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from signals._validation import checked, choice, positive, real_vector, whole
-from signals.harmonics._arguments import SMALLEST, check_bandwidth, check_below_half_rate, check_phase, check_record
+from signals.harmonics._arguments import SMALLEST, check_below_half_rate, check_model, check_record
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, chain_of, extended_filter, smooth
 from signals.slipping_order.slip_detection import SlipRecord, search
@@ -226,7 +226,8 @@ def track_slipping_order(
 
     choice(estimator, name="estimator", choices=get_args(Estimator))
     limit = whole(most_iterations, name="most_iterations", least=1)
-    given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
+    every = None if output_every is None else whole(output_every, name="output_every", least=1)
+    number = np.arange(1, whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS) + 1)
     for name, value in (("largest_slip", largest_slip), ("slip_change_per_rev", slip_change_per_rev)):
         if not positive(value, name=name) < 1:
             raise ValueError(f"{name}={value:g} is relative to the order and must be below 1; 2 % is 0.02.")
@@ -234,37 +235,40 @@ def track_slipping_order(
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
     check_record(samples, smallest=SMALLEST)
-    phase = check_phase("phase_rad", phase_rad, samples.size)
-    cycles, bandwidth = check_bandwidth(
-        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev, shaft=np.zeros(1, dtype=np.int64), phases=(phase,),
+    model, _, bandwidth, given = check_model(
+        orders=(positive(order, name="order") * number).tolist(), phase_rad=phase_rad, samples=samples.size, poles=1,
+        noise_variance=noise_variance, initial_std=None, bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders,
+        rate_hz=rate_hz, samples_per_rev=samples_per_rev,
     )  # fmt: skip
-    record = SlipRecord(
-        x=samples, phase=phase, order=positive(order, name="order"), largest_slip=largest_slip,
-        harmonics=whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS), slip_change=slip_change_per_rev,
-        width=cycles[0], every=None if output_every is None else whole(output_every, name="output_every", least=1),
-    )  # fmt: skip
-    turns = record.top * record.turning[-1] / (2 * np.pi)
-    if turns < 1:
+    record = SlipRecord(x=samples, model=model, largest_slip=largest_slip, slip_change=slip_change_per_rev, every=every)
+    top, turned = model.orders[-1], record.turning[-1]
+    if top * turned < 2 * np.pi:
         raise ValueError(
-            f"phase_rad turns by {record.turning[-1]:g} rad in all, order {record.top:g} by {turns:g} turns: "
+            f"phase_rad turns by {turned:g} rad in all, order {top:g} by {top * turned / (2 * np.pi):g} turns: "
             "the shaft has turned too little to tell a slip; take a longer record, or give the angle in rad."
         )
-    what = f"order {record.top:g} with a slip of {largest_slip:g}"
-    check_below_half_rate(what, record.top * (1 + largest_slip), phase)
+    what = f"order {top:g} with a slip of {largest_slip:g}"
+    check_below_half_rate(what, top * (1 + largest_slip), model.phases[0])
 
     ridge = search(record, noise_variance=given)
     chain, (_, centres, outputs) = chain_of(record, noise_variance=ridge.noise_variance), record.blocks
     status: Status = "single pass"
-    path, total = extended_filter(chain, slip=ridge.first_slip, slip_std=min(largest_slip, ridge.slip_width / 2))
     objective = np.empty(0)
-    if estimator == "smoother":
-        path, status, objective = smooth(chain, path, limit=limit)
-        total = 2 * objective[-1]  # the least sum of squares is that of the normalised innovations
+    try:
+        path, total = extended_filter(chain, slip=ridge.first_slip, slip_std=min(largest_slip, ridge.slip_width / 2))
+        if estimator == "smoother":
+            path, status, objective = smooth(chain, path, limit=limit)
+            total = 2 * objective[-1]  # the least sum of squares is that of the normalised innovations
+    except np.linalg.LinAlgError as error:
+        raise FloatingPointError(
+            f"the covariance of {centres.size} blocks is not positive definite in double precision, with x of up to "
+            f"{np.nanmax(np.abs(chain.x)):.2g} times the noise; take a larger slip_change_per_rev, a wider bandwidth "
+            "or, where that is more than the record is good for, a larger noise_variance."
+        ) from error
 
     states, covariances, slip_phase = path.states[outputs], path.gains[outputs], path.slip_phase[outputs]
     amplitude, std, amplitude_std, phase_std = _polar(states, covariances)
-    start = np.exp(1j * slip_phase[0] * np.arange(1, record.harmonics + 1)[:, None])
+    start = np.exp(1j * slip_phase[0] * number[:, None])
     slip, slip_std = states[:, -1], np.sqrt(covariances[:, -1, -1])
     if status == "converged" and np.any(np.abs(slip) - slip_std >= largest_slip):
         status = "slip at its bound"
@@ -283,7 +287,7 @@ def track_slipping_order(
     return SlippingTrack(
         complex_amplitude=unit * amplitude * start, std=unit * std, amplitude_std=unit * amplitude_std,
         phase_std_rad=phase_std, slip=slip, slip_std=slip_std, slip_phase_rad=slip_phase - slip_phase[0],
-        sample_index=centres[outputs], order=record.order, largest_slip=float(largest_slip),
+        sample_index=centres[outputs], order=float(order), largest_slip=float(largest_slip),
         slip_change_per_rev=float(slip_change_per_rev), bandwidth=float(bandwidth["bandwidth"][0]),
         bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator, noise_variance=ridge.noise_variance,
         innovation_mean_square=total / np.count_nonzero(~np.isnan(samples)), status=status, objective=objective,

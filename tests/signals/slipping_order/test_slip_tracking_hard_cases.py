@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom
 
 from signals.harmonics import process_variance
+from signals.harmonics._arguments import check_model
 from signals.slipping_order.slip_detection import SlipRecord, search
 from signals.slipping_order.slip_tracking import track_slipping_order
 
@@ -18,6 +19,14 @@ SETTING = {
     "samples_per_rev": PER_REV,
 }
 UNKNOWN_PHASE = np.pi / np.sqrt(3)  # std of an even spread over a turn
+
+
+def slip_record(x, phase, order, harmonics, per_rev):
+    model, *_ = check_model(
+        orders=order * np.arange(1, harmonics + 1), phase_rad=phase, samples=x.size, noise_variance=None,
+        initial_std=None, poles=1, bandwidth_hz=None, bandwidth_orders=WIDTH, rate_hz=None, samples_per_rev=per_rev,
+    )  # fmt: skip
+    return SlipRecord(x=x, model=model, largest_slip=0.02, slip_change=CHANGE)
 
 
 def revolutions(motion):
@@ -50,8 +59,7 @@ def drawn(rev, *, seed, noise=0.5):
 @pytest.mark.parametrize("motion", ["out and back", "partly back", "at rest for most of the time", "rocking"])
 def test_a_shaft_may_turn_back_and_rest(motion):
     rev = revolutions(motion)
-    line = {"order": ORDER, "harmonics": 1, "largest_slip": 0.02, "slip_change": CHANGE, "width": np.full(1, WIDTH)}
-    assert SlipRecord(x=rev, phase=2 * np.pi * rev, **line).per_rev == pytest.approx(PER_REV, rel=1e-9)
+    assert slip_record(rev, 2 * np.pi * rev, ORDER, 1, PER_REV).per_rev == pytest.approx(PER_REV, rel=1e-9)
     inside = []
     for seed in range(8):
         x, phase, slip, truth = drawn(rev, seed=seed)
@@ -148,10 +156,9 @@ CASES = [
 @pytest.mark.parametrize(("samples", "per_rev", "order", "harmonics", "given"), CASES)
 def test_noise_passes_for_a_line_as_rarely_as_stated(samples, per_rev, order, harmonics, given):
     phase = 2 * np.pi * np.arange(samples) / per_rev
-    line = {"order": order, "harmonics": harmonics, "largest_slip": 0.02, "slip_change": 5e-4}
 
     def chance(x):
-        record = SlipRecord(x=x, phase=phase, width=np.array([WIDTH / per_rev]), **line)
+        record = slip_record(x, phase, order, harmonics, per_rev)
         return search(record, noise_variance=1.0 if given else None).false_alarm_probability
 
     noise = noise_records(samples, 300)
