@@ -13,6 +13,7 @@ from board.sections import Effort, Section, Task
 from board.table import Figure, Row, averaged, count_row
 from data_synth import load_scene, simulate
 from hums import AnalysisSettings, MonitorSettings, analyze, watch
+from hums.fleet.series import component_parts
 
 BASELINE, HEALTHY, GROWING = 10, 5, 9  # records: learned from, judged before the fault begins, and with it
 SIZES_MM = np.geomspace(0.1, 3.0, GROWING)
@@ -56,7 +57,8 @@ def watched(fault: str, seed: int) -> tuple[int, float, list[bool]]:
             analysis.attrs |= {"machine": fault, "record": str(number), "recorded_at": when}
             settings = MonitorSettings(baseline_records=BASELINE)
             for alarm in watch(analysis, Path(folder) / "a.state", settings=settings).alarms:
-                right = own is not None and grown >= 0 and str(alarm["component"]).startswith(own["component"][:7])
+                parts = component_parts(alarm["component"])
+                right = own is not None and grown >= 0 and any(one.startswith(own["component"][:7]) for one in parts)
                 size = min(size, float(SIZES_MM[grown])) if right else size
                 named += [right] if own is not None and grown >= 0 else []
                 false += grown < 0 or own is None

@@ -10,7 +10,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.outputs import check_outputs, own_json, write_text
 from hums.records.store import open_record
-from signals._validation import SentenceError, checked, plain_text
+from signals._validation import SentenceError, checked
 
 _READING_S, _READING_S_PER_BYTE = 20.0, 1e-7  # of a record by a worker: a hundred times what a whole file takes
 
@@ -110,6 +110,11 @@ class _Source:
     file: Path
     number: int | None = None
     label: str = ""
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Its name and class, of a row."""
+        return {"record": self.name, "class": self.label}
 
     @property
     def whole_name(self) -> str:
@@ -212,7 +217,7 @@ def analyze_fleet(
         names = listed | {source.whole_name: _result_name(source) for source in found}
         jobs = [Job(name=_result_name(source), item=source) for source in found]
         tally = run_jobs(
-            partial(_analyse_to_file, task["gearbox"], task["settings"]),
+            partial(_analyse_to_file, gearbox, settings),
             jobs,
             folder=results_folder,
             workers=workers or Serial(),
@@ -323,8 +328,8 @@ def _result_name(source: _Source) -> str:
     return hashlib.sha256(json.dumps(key).encode()).hexdigest()[:24] + ".json.gz"
 
 
-def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
-    _write_row(source, _row(source, *_parsed(gearbox, settings)), path)
+def _analyse_to_file(gearbox: Gearbox, settings: AnalysisSettings, source: _Source, path: Path) -> None:
+    write_row(source.facts | _row(source, gearbox, settings), path)
 
 
 def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
@@ -337,17 +342,7 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
         "available. Copy it again from its source, or run again."
     )
     folder.mkdir(exist_ok=True)
-    _write_row(source, {"machine": "", "recorded_at": "", "error": sentence}, folder / path.name)
-
-
-def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
-    whole = {"record": source.name, "class": source.label} | dict(row)
-    write_row({name: plain_text(text) if isinstance(text, str) else text for name, text in whole.items()}, path)
-
-
-@lru_cache(maxsize=4)
-def _parsed(gearbox: str, settings: str) -> tuple[Gearbox, AnalysisSettings]:
-    return Gearbox.model_validate_json(gearbox), AnalysisSettings.model_validate_json(settings)
+    write_row(source.facts | {"machine": "", "recorded_at": "", "error": sentence}, folder / path.name)
 
 
 def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:

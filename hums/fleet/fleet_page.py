@@ -157,7 +157,8 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
             ),
             caption="Dotted: normal value of the baseline.",
         )  # fmt: skip
-        spectrum = "envelope" if drivers[0].kind in BEARING_KINDS else "order_spectrum"
+        in_envelope = drivers[0].kind in BEARING_KINDS or drivers[0].indicator.startswith("envelope")
+        spectrum = "envelope" if in_envelope else "order_spectrum"
         if stems := _stems(judged, drivers[0].channel, spectrum):
             what = f"the {spectrum.removesuffix('_spectrum')} spectrum of {drivers[0].channel}"
             yield figure_html(

@@ -92,13 +92,8 @@ class Epoch:
         times_s = np.array([seconds_since_1970(one.recorded_at) for one in seen])
         prior = prior_of(self.series, layout, np.nanmedian(values[:, kept], axis=0))
         self.normal, own, independent = learn_machine(values[:, kept], _logarithms(at), times_s, layout, prior)
-        self.limits = machine_limits(
-            limit_table(),
-            independent,
-            settings.false_alarm_every,
-            layout.group_of,
-            slopes=float(self.normal.series.regressors),
-        )
+        run_length, slopes = settings.false_alarm_every, float(self.normal.series.regressors)
+        self.limits = machine_limits(limit_table(), independent, run_length, layout.group_of, slopes=slopes)
         self.headroom, self.bursts = self.limits.headroom(own), self.limits.bursts(own)
         self.charts = self.limits.charts.start((layout.scores,))
         self.recent = np.zeros(len(self.channels))

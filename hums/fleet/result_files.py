@@ -22,6 +22,7 @@ from hums.analysis.result import Analysis, group
 from hums.fleet.observation import Observation, observation
 from hums.fleet.series import CONDITION, INDICATOR, LINE, NOTHING, Keys, Numbers, named, shared
 from hums.records.outputs import atomic_write
+from signals._validation import plain_text
 
 _NUMBERS = ("lines", "indicators")  # of a row
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
@@ -97,8 +98,9 @@ class StoredRecord(Observation):
 
 def write_row(row: Mapping[str, Any], path: Path) -> None:
     """Write the results of one record, as `packed_row` packs them, into the folder of a run's jobs."""
+    plain = {name: plain_text(text) if isinstance(text, str) else text for name, text in row.items()}
     with atomic_write(path, tidy=False) as part:
-        part.write_bytes(packed_row(row))
+        part.write_bytes(packed_row(plain))
 
 
 def packed_row(row: Mapping[str, Any]) -> bytes:

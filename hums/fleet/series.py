@@ -22,6 +22,7 @@ WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
 _EVIDENCE = "modulation"  # strength of a bearing part's lines, of records in which nothing is significant as well
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
+_STRIKES = "envelope"
 _WEAK = 2.0  # ratio to the background below which a line is as uncertain as noise
 LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
 INDICATOR = ("channel", "component", "kind", "indicator", "units")
@@ -138,8 +139,9 @@ def _plan(indicators: Keys, lines: Keys, joint: tuple[tuple[str, str], ...], wit
         for channel, component, kind, name, unit in indicators
     ]
     of_lines, line_places = [], []
-    for channel, spectrum, component, kind, _, _, unit in lines:
-        group = (channel, spectrum, names.get(component, component), kind, unit)
+    for channel, spectrum, drawn, kind, _, _, unit in lines:
+        component = names.get(f"{spectrum} {drawn}", names.get(drawn, drawn))
+        group = (channel, spectrum, component, kind, unit)
         if group not in groups:
             groups[group] = len(groups)
             words = ((f"{spectrum} {name}", of) for name, of in ((LINE_LEVEL, unit), (LINE_RATIO, "1")))
@@ -162,16 +164,32 @@ def _places(there: Keys, wanted: Keys) -> NDArray[np.int64]:
 
 
 def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return the name under which bearings whose lines have the same orders are monitored.
+    """Return the names under which parts whose lines have the same orders are monitored.
 
-    Their lines cannot be told apart: monitored separately, a fault of one would raise an alarm of each.
+    Bearings whose lines cannot be told apart are one component: monitored separately, a fault of one would raise an
+    alarm of each. The lines of a shaft in the envelope, here "envelope SHAFT", are impacts once per revolution: of the
+    shaft or of a tooth of its gears, whose sidebands are one order of the shaft apart.
     """
     lines: Numbers = row.get("lines", NOTHING)
     equal: dict[tuple[Any, ...], list[str]] = {}
     for component, names, places in _bearings(lines.keys):
         equal.setdefault((names, lines.values[places, 0].tobytes()), []).append(component)
     groups = [sorted(names) for names in equal.values() if len(names) > 1]
-    return {name: _JOINT + _AND.join(names) for names in groups for name in names}
+    found, orders = {name: _JOINT + _AND.join(names) for names in groups for name in names}, lines.values[:, 0]
+    shafts, below, above = _rotating(lines.keys)
+    for shaft, place in shafts.items():
+        gears = [gear for gear in below if math.isclose(orders[above[gear]] - orders[below[gear]], 2 * orders[place])]
+        if gears:
+            found[f"{_STRIKES} {shaft}"] = _JOINT + _AND.join([shaft, *sorted(gears)])
+    return found
+
+
+@lru_cache(maxsize=256)
+def _rotating(lines: Keys) -> list[dict[str, int]]:
+    """Return the places of the first harmonic of each shaft, and of the sidebands below and above it of each gear."""
+    first = [(number, *key[2:4], key[5]) for number, key in enumerate(lines) if key[4] == 1]
+    kinds = ["shaft", 0], ["tooth", -1], ["tooth", 1]
+    return [{name: number for number, name, *what in first if what == of} for of in kinds]
 
 
 @lru_cache(maxsize=256)
@@ -262,11 +280,8 @@ def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float6
     """
     learned = _stored_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
-    known, strong, over = (
-        learned["log_std"],
-        learned["strong_line_std"],
-        dict(zip(series, levels.tolist(), strict=True)),
-    )
+    known, strong = learned["log_std"], learned["strong_line_std"]
+    over = dict(zip(series, levels.tolist(), strict=True))
     usual = np.array([known.get(key.indicator, float(np.median(list(known.values())))) for key in series])
     lines = np.array([key.indicator in strong for key in series])
     for n in np.flatnonzero(lines).tolist():

@@ -138,7 +138,6 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "alarm_from_times_normal": epoch.alarm_from(name) if epoch.identity else math.nan,
             "growth_per_day": history.growth_per_day(name),
             "false_alarms_a_year": history.false_alarms_a_year,
-            "judged": state.judged,
             "refused_share": f"{state.refused / seen:.4g}" if seen else "",
             "unwatched_since": state.unwatched_since,
             "baseline": epoch.identity,
@@ -170,11 +169,6 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
         groups[f"/{epoch.identity}"] = xr.Dataset(
             arrays | {name: ("series", series[name].to_numpy(np.str_)) for name in series},
             coords={name: np.array(those, dtype=np.str_) for name, those in words.items()},
-            attrs={
-                "machine": state.machine,
-                "identity": epoch.identity,
-                "declared_healthy": int(bool(state.settings.healthy)),
-                "false_alarm_every": state.settings.false_alarm_every,
-            },
+            attrs={"machine": state.machine, "identity": epoch.identity},
         )
     write_tree(xr.DataTree.from_dict(groups), path)

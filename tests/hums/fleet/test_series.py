@@ -50,6 +50,25 @@ def test_bearings_of_the_same_orders_are_one_component():
     assert joint_names(row_of(indicators, lines)) == {}
 
 
+def test_impacts_once_per_revolution_are_of_a_shaft_or_a_tooth_of_its_gears():
+    orders = {("input", "shaft", 1, 0): 1.0, ("pinion", "tooth", 1, -1): 22.0, ("pinion", "tooth", 1, 1): 24.0}
+    orders |= {("output", "shaft", 1, 0): 0.4, ("fan", "shaft", 1, 0): 1.5}
+    orders |= {("wheel", "tooth", 1, -1): 22.6, ("wheel", "tooth", 1, 1): 23.4, ("rim", "tooth", 1, 1): 5.4}
+    orders |= {("rim", "tooth", 1, -1): 4.6}
+    lines = [
+        ["a", spectrum, *key, "g", order, 1.0, 2.0, 1]
+        for key, order in orders.items()
+        for spectrum in (("order_spectrum", "envelope") if key[1] == "shaft" else ("order_spectrum",))
+    ]
+    found = {(key.component, key.indicator.split()[0]) for key in series_of(row_of([], lines)).keys}
+    assert {name for name, spectrum in found if spectrum == "envelope"} == {
+        *("one of input, pinion", "one of output, rim, wheel", "fan"),
+    }
+    assert {name for name, spectrum in found if spectrum == "order_spectrum"} == {
+        *("input", "output", "fan", "pinion", "wheel", "rim"),
+    }
+
+
 def test_what_few_samples_set_is_watched_apart_from_the_level_of_the_signal():
     keys = tuple(
         Series(channel="a", component="record", kind="channel", indicator=name, unit=unit)
