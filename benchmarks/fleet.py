@@ -1,40 +1,44 @@
 """Alarms of healthy and failing fleets: python benchmarks/fleet.py ANALYSES [FOLDER] [--data DATA] [--only SECTION].
 
 Writes fleet.md into FOLDER (default docs/benchmarks), or one SECTION of it anew (--only cost). ANALYSES is a folder
-that keeps what takes long: a dataset of one gearbox, healthy and with five faults of all sizes, and its analyses by
-`hums.analyze_fleet`; it is made where it is missing, a record in 0.6 s of CPU. Fleets are made from it by resampling
-(`fleet_analyses`); healthy machines are made of further analyses, of machines of another seed. --data, or the
-environment variable HUMS_REAL_DATA, names the folder of measured records.
+that keeps what takes long: a dataset of one gearbox, healthy and with 13 kinds of faults of all sizes, and its analyses
+by `hums.analyze_fleet`; it is made where it is missing, a record in 1 s of CPU. Fleets are made from it by resampling
+(`fleet_analyses`). --data, or the environment variable HUMS_REAL_DATA, names the folder of measured records.
 """
 
 import argparse
-import math
 import os
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from itertools import compress, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from fleet_analyses import (
+    MACHINES,
     RECORDS,
-    UNSEEN_MACHINES,
+    SIZES,
     Analyses,
     Array,
     Resampled,
     added,
     analyses,
     fault_courses,
-    unseen,
 )
 from fleet_chain import CHUNK, RATES, WATCHED, at_rate, largest, two_of_three, watch
 from fleet_cost import cost_rows
 from fleet_forecasts import LAWS, coverage
 from fleet_measured import run_to_failure, turbine
-from numpy.typing import NDArray
 
-from hums.fleet.series import Series, layout_of, prior_of
+from hums.fleet.monitor import MachineState, update
+from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.observation import Observation
+from hums.fleet.series import Numbers, Series, component_parts, layout_of, prior_of, shared
 from signals.monitoring.health import Layout
 
 if TYPE_CHECKING:
@@ -43,7 +47,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 BASELINES = (30, 300)
 ONSET = 60  # healthy records between the baseline and the start of a fault
-FAILING = 100  # machines of each fault
+FAILING = 24  # machines of each fault
+DAY = datetime(2020, 1, 1, tzinfo=UTC)
 MEASURED_STATES = ("temperature_k", "load")
 
 
@@ -59,22 +64,18 @@ def healthy_fleet(
     baseline: int,
     seed: int,
     measured: Sequence[str] = (),
-) -> tuple[list[Array], list[float]]:
-    """Return the records until each machine's first alarm, for each of `RATES`, and factors that make the rate exact.
-
-    Factors are on limits.
-    """
+) -> tuple[list[Array], list[Array]]:
+    """Return the records until each machine's first alarm, and its largest index, for each of `RATES`."""
     prior = prior_of(found.series, layout, found.levels)
     until: list[list[Array]] = [[] for _ in RATES]
-    highest: list[list[NDArray[np.float32]]] = [[] for _ in RATES]
+    highest: list[list[Array]] = [[] for _ in RATES]
     for start in range(0, machines, CHUNK):
         rng = np.random.default_rng([seed, start])
         fleet = resampled.machines(min(CHUNK, machines - start), baseline + WATCHED, rng, measured)
         for place, one in enumerate(watch(fleet, baseline, RATES, layout, prior)):
             until[place].append(one.until_alarm)
             highest[place].append(largest(one.index, layout))
-    factors = [at_rate(np.concatenate(those), every) for those, every in zip(highest, RATES, strict=True)]
-    return [np.concatenate(those) for those in until], factors
+    return [np.concatenate(those) for those in until], [np.concatenate(those) for those in highest]
 
 
 def run_lengths(until: Array) -> tuple[int, int, float, float]:
@@ -138,10 +139,14 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
 
 @dataclass(frozen=True, kw_only=True)
 class Detected:
-    """First alarms of machines with a growing fault: sizes in mm, records since the onset; infinite where none is."""
+    """First alarms after the onset of machines with a growing fault.
+
+    Sizes in mm and records since the onset, infinite without an alarm, and the component that it names.
+    """
 
     sizes_mm: Array
     delays: Array
+    named: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         share = np.isfinite(self.sizes_mm).mean()
@@ -150,48 +155,46 @@ class Detected:
         return f"{np.median(self.sizes_mm):.2g} mm, {np.median(self.delays):.0f} ({share:.0%})"
 
 
-def detected(
-    resampled: Resampled,
-    found: Analyses,
-    name: str,
-    course: tuple[Array, Array],
-    layout: Layout,
-    *,
-    machines: int,
-    factor: float,
-) -> Detected:
-    """Return when machines with a growing fault raise their first alarm, with limits wider by a factor.
-
-    After a baseline of 30 records and 60 healthy ones the fault grows exponentially over 240 records, from the least to
-    the largest size analysed. A machine with an alarm before that is left out. Verdicts, which the fused index alone
-    takes in, are those of an analysed record of one of the three nearest sizes.
-    """
-    baseline, sizes = BASELINES[0], course[0]
-    grown = np.geomspace(sizes[0], sizes[-1], WATCHED - ONSET)
-    fleet = resampled.machines(machines, baseline + WATCHED, np.random.default_rng(6))
-    fleet.series[:, baseline + ONSET :] += added(course, grown)
-    (seen,) = watch(fleet, baseline, RATES[1:], layout, prior_of(found.series, layout, found.levels))
-    raised = (two_of_three(seen.index) >= factor).any(axis=2)
-    if np.any(layout.sizes > 1):
-        raised[:, ONSET:] |= _by_verdicts(found, name, grown, machines)
-    first = np.where(raised.any(axis=1), raised.argmax(axis=1), WATCHED)
-    kept = first[first >= ONSET]
-    there = kept < WATCHED
+def first_alarms(first: Sequence[int], grown: Array, named: Sequence[str] = ()) -> Detected:
+    """Return the alarms of machines from their first alarmed records; one before the onset leaves a machine out."""
+    kept = [(number - ONSET, name) for number, name in zip_longest(first, named, fillvalue="") if number >= ONSET]
+    since = np.array([number for number, _ in kept], dtype=np.int64)
+    sizes_mm, there = np.append(grown, np.inf)[since], since < grown.size
     return Detected(
-        sizes_mm=np.where(there, np.append(grown, np.inf)[np.minimum(kept - ONSET, grown.size)], np.inf),
-        delays=np.where(there, kept - ONSET, np.inf),
+        sizes_mm=sizes_mm,
+        delays=np.where(there, since, np.inf),
+        named=tuple(name for (_, name), raised in zip(kept, there, strict=True) if raised),
     )
 
 
-def _by_verdicts(found: Analyses, name: str, grown: Array, machines: int) -> NDArray[np.bool_]:
-    """Return where two of the latest three records (machines, records) are diagnosed, as `Epoch` takes them in."""
-    those = np.flatnonzero(found.kinds == name)
+def monitored(found: Analyses, series: Array, diagnosed: Sequence[tuple[str, ...]]) -> tuple[int, str]:
+    """Return the first record after the baseline that raises an alarm, and its component; `WATCHED` without one."""
+    state, baseline = (
+        MachineState(machine="mill", settings=MonitorSettings(baseline_records=BASELINES[0])),
+        BASELINES[0],
+    )
+    for number, (values, names) in enumerate(zip(series, diagnosed, strict=True)):
+        known, when = np.isfinite(values), (DAY + timedelta(days=number)).isoformat()
+        numbers = Numbers(keys=shared(tuple(compress(found.series, known))), values=values[known])
+        seen = Observation(machine="mill", record=str(number), recorded_at=when, values=numbers, diagnosed=names)
+        if (alarms := update(state, seen).alarms) and number >= baseline:
+            return number - baseline, str(alarms[0]["component"])
+    return WATCHED, ""
+
+
+def verdicts(found: Analyses, name: str, grown: Array, rng: np.random.Generator) -> list[tuple[str, ...]]:
+    """Return what verdicts name in each record of a machine: those of a healthy one, or of one of the nearest sizes."""
+    healthy, those = np.flatnonzero(found.kinds == "healthy"), np.flatnonzero(found.kinds == name)
     those = those[np.argsort(found.severity_mm[those])]
     nearest = np.abs(np.log(grown)[:, None] - np.log(found.severity_mm[those])).argmin(axis=1)
-    jitter = np.random.default_rng(17).integers(-1, 2, size=(machines, grown.size))
-    shown = found.diagnosed[those][np.clip(nearest + jitter, 0, those.size - 1)].astype(int)
-    padded = np.pad(shown, ((0, 0), (2, 0)))
-    return np.asarray((padded[:, 2:] == 1) & (padded[:, 2:] + padded[:, 1:-1] + padded[:, :-2] >= 2))  # noqa: PLR2004
+    near = those[np.clip(nearest + rng.integers(-1, 2, size=grown.size), 0, those.size - 1)]
+    return [found.diagnosed[i] for i in (*rng.choice(healthy, BASELINES[0] + ONSET), *near)]
+
+
+def credit(named: str, part: str) -> float:
+    """Return 1 if an alarm names a part or its mesh, 1 / n if it names n that cannot be told apart, it among them."""
+    parts = component_parts(named)[1:] or (named,)
+    return (part in parts or part.partition("/")[0] in parts) / len(parts)
 
 
 def single(series: tuple[Series, ...], indicator: str) -> Layout:
@@ -200,66 +203,47 @@ def single(series: tuple[Series, ...], indicator: str) -> Layout:
     return Layout(components=tuple((np.array([i]),) for i in those), powers=np.zeros(len(series)))
 
 
-def diagnosed_size(found: Analyses, name: str) -> float:
-    """Return the least size from which at least half of the larger ones are diagnosed from one record alone."""
-    those = np.flatnonzero(found.kinds == name)
-    those = those[np.argsort(found.severity_mm[those])]
-    for number in range(len(those)):
-        if found.diagnosed[those[number]] and found.diagnosed[those[number:]].mean() >= 0.5:  # noqa: PLR2004
-            return float(found.severity_mm[those[number]])
-    return math.inf
-
-
-def usually_diagnosed_size(found: Analyses, name: str, *, among: int = 9) -> float:
-    """Return the least size at which half of the records of about that size, nine, are diagnosed alone."""
-    those = np.flatnonzero(found.kinds == name)
-    those = those[np.argsort(found.severity_mm[those])]
-    share = np.convolve(found.diagnosed[those], np.full(among, 1 / among), mode="valid")
-    usual = np.flatnonzero(share >= 0.5)  # noqa: PLR2004
-    return float(found.severity_mm[those[usual[0] + among // 2]]) if usual.size else math.inf
-
-
 def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> str:
-    """Return when growing faults are detected, fused and by single indicators at the same measured run length."""
-    _, _, fused = layout_of(found.series)
-    layouts = (fused, single(found.series, "rms"), single(found.series, "kurtosis"))
-    factors = [
-        healthy_fleet(resampled, found, one, machines=given.machines, baseline=BASELINES[0], seed=7)[1][1]
-        for one in layouts
-    ]
+    """Return when growing faults are detected, and whether the part is right; by RMS at the same run length, too."""
+    baseline, rms = BASELINES[0], single(found.series, "rms")
+    fleet = partial(healthy_fleet, resampled, found, machines=given.machines, baseline=baseline, seed=7)
+    alarms, records, *_ = run_lengths(fleet(layout_of(found.series)[2])[0][1])
+    every = records / max(alarms, 1)
+    factor = at_rate(fleet(rms)[1][1], every)
+    courses, right, text = fault_courses(found), [], list[str]()
+    for number, (name, _, part, *_) in enumerate(SIZES):
+        course, rng = courses[name], np.random.default_rng([6, number])
+        grown = np.geomspace(course[0][0], course[0][-1], WATCHED - ONSET)
+        machines = resampled.machines(FAILING, baseline + WATCHED, rng)
+        machines.series[:, baseline + ONSET :] += added(course, grown)
+        (seen,) = watch(machines, baseline, RATES[1:], rms, prior_of(found.series, rms, found.levels))
+        raised = (two_of_three(seen.index) >= factor).any(axis=2)
+        by_rms = first_alarms(np.where(raised.any(axis=1), raised.argmax(axis=1), WATCHED).tolist(), grown)
+        watched = [monitored(found, one + found.levels, verdicts(found, name, grown, rng)) for one in machines.series]
+        by_all = first_alarms([first for first, _ in watched], grown, [one for _, one in watched])
+        right.append([credit(one, part) for one in by_all.named])
+        wrong = Counter(one for one in by_all.named if not credit(one, part)).most_common(2)
+        cells = f"{part} | {grown[0]:.2g} to {grown[-1]:.2g} | {by_all} | {by_rms} | {sum(right[-1]):.3g} of"
+        text.append(f"| {name} | {cells} {len(right[-1])} | {', '.join(f'{one} ({count})' for one, count in wrong)} |")
+        sys.stdout.write(f"{text[-1]}\n")
+        sys.stdout.flush()
+    shares = [np.mean(one) for one in right if len(one) * 2 >= FAILING]
     words = (
-        f"Exponential growth over {WATCHED - ONSET} records from the smallest to the largest size analysed, after a "
-        f"baseline of {BASELINES[0]} records and {ONSET} healthy ones. The limits of all three are scaled so that "
-        f"{given.machines} healthy machines raise one alarm in 10,000 records, as counted (fused "
-        f"{factors[0]:.2f}, RMS {factors[1]:.2f}, kurtosis {factors[2]:.2f}). Median size and median delay since "
-        "onset, in records, at the first alarm, and share of machines with an alarm before the largest size.\n"
+        f"{FAILING} machines of each fault. Exponential growth over {WATCHED - ONSET} records from the smallest to the "
+        f"largest size analysed, after a baseline of {baseline} records and {ONSET} healthy ones. All components and "
+        "sensors with verdicts, as monitored, against the EWMAs of RMS, whose limits are those at which "
+        f"{given.machines} healthy machines raise as many alarms: one in {every:,.0f} records (times {factor:.2f}). "
+        "Median size and median delay since onset, in records, at the first alarm, and share of machines with one. "
+        "The part is right if the alarm names it or its mesh, by 1/n if it names n that cannot be told apart; averaged "
+        f"over kinds of which half of the machines raise one, {np.mean(shares):.0%} of the alarms name the right "
+        "part.\n"
     )
-    text = [
-        words,
-        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | one diagnosed from | alarm before | half from |",
-        "|---|---|---|---|---|---|---|---|",
+    head = [
+        "| fault | component | sizes, mm | all, with verdicts | RMS | right part | wrong parts |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for name, course in fault_courses(found, found.values[found.kinds == "healthy"]).items():
-        seen = [
-            detected(resampled, found, name, course, one, machines=min(given.machines, FAILING), factor=factor)
-            for one, factor in zip(layouts, factors, strict=True)
-        ]
-        alone, size = diagnosed_size(found, name), float(np.median(seen[0].sizes_mm))
-        before = "yes" if size < alone else "neither" if math.isinf(size) and math.isinf(alone) else "no"
-        cells = [f"{course[0][0]:.2g} to {course[0][-1]:.2g}", *map(str, seen)]
-        usual = usually_diagnosed_size(found, name)
-        cells += [_mm(alone), before, _mm(usual)]
-        text.append(f"| {name} | {' | '.join(cells)} |")
-    text.append(
-        "\n`none`: to the end, half of the machines raise no alarm, or half of the records are not diagnosed. One "
-        "diagnosed from: the first size at which a record was diagnosed, if half of the larger ones were; this is "
-        "the minimum of many. Half from: the size at which half of nine records of about that size are diagnosed."
-    )
-    return "\n".join(text)
-
-
-def _mm(size: float) -> str:
-    return "none" if math.isinf(size) else f"{size:.2g} mm"
+    none = "\n`none`: half of the machines raise no alarm before the largest size."
+    return "\n".join([words, *head, *text, none])
 
 
 # ---- forecasts -------------------------------------------------------------------------------------------------------
@@ -283,8 +267,8 @@ def forecasts(given: argparse.Namespace) -> str:
 
 INTRO = """# Fleet: alarms of healthy and failing machines
 
-Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--only`: alarms with `--machines 4000`,
-faults with `--machines 1000`, forecasts with `--forecasts 300`, cost with `--run-records 1000`.
+Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--only`: alarms and faults with
+`--machines 400`, forecasts with `--forecasts 300`, cost with `--run-records 1000`.
 
 **Fleets** are resampled from analyses of one gearbox: each series of indicators is the sum of its mean, its slopes on
 gain, noise, temperature and load, which are correlated as in `data_synth.scene.machine_history` (over 5 and 50 records,
@@ -295,9 +279,10 @@ so, with an error of a tenth of their standard deviations.
 
 **The prior** (`hums/fleet/prior.json`) contains standard deviations of indicators, and the limits at which healthy
 machines with baselines of 2 to 1,000 records raise the stated number of alarms, for bearing evidence and for all other
-scores; they come from a simulated model of such scores. The healthy fleets below consist of analyses of
-{unseen_machines} other machines with a separate seed, from which nothing is learned. All have the same gearbox and
-plan. Nothing is tuned to measured records.
+scores; they come from a simulated model of such scores, learned from other analyses. The healthy fleets below are
+resampled from healthy records of {machines} machines of one gearbox and plan. What a fault adds to each series is the
+running mean of five records of successive sizes about the healthy mean of the same machine, shrunk as slopes are.
+Nothing is tuned to measured records.
 """
 
 
@@ -351,11 +336,10 @@ def main() -> None:
     written = {section.partition("\n")[0]: section.partition("\n")[2].strip() for section in there}
     if given.only in (None, "alarms", "faults"):
         found = analyses(given.analyses, workers=given.workers, records=given.records)
-        healthy = unseen(given.analyses, found.series, workers=given.workers)
-        intro = INTRO.format(unseen_machines=UNSEEN_MACHINES)
+        intro = INTRO.format(machines=MACHINES)
     sections: dict[str, tuple[str, Callable[[], str]]] = {
-        "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, healthy)),
-        "faults": ("Growing faults", lambda: growing_faults(given, found, healthy)),
+        "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, found.healthy)),
+        "faults": ("Growing faults", lambda: growing_faults(given, found, found.healthy)),
         "forecasts": ("Time until a limit", lambda: forecasts(given)),
     }
     if given.data:

@@ -1,34 +1,31 @@
-"""Analyses that fleets are made of, and the fleets: one gearbox, healthy and with five faults of all sizes."""
+"""Analyses that fleets are made of, and the fleets: one gearbox, healthy and with faults of 13 kinds and all sizes."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
+from scipy.special import digamma, polygamma
 
 from data_synth import make_dataset
 from data_synth.plan import parse_plan
 from data_synth.scene.machine_history import History
 from hums import open_dataset
 from hums.fleet.fleet_analysis import analyze_fleet
+from hums.fleet.observation import observation
 from hums.fleet.result_files import read_row
-from hums.fleet.series import Series, series_of, vector
-from hums.gearbox.defect_orders import BEARING_KINDS
-from hums.jobs import Processes
+from hums.fleet.series import Series, vector
+from hums.jobs import Processes, Serial
 
 Array = NDArray[np.float64]
 STATES = ("gain_db", "noise_db", "temperature_k", "load")
-FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
 _MEASURED_ERROR = 0.1  # of a state's deviation: 0.5 K, and 1 % of the load
-RECORDS, MACHINES = 960, 41
-"""Of the dataset with faults: few records of each machine, whose states are then spread as widely as those of long
-fleets, and no divisor in common with the 12 records in which classes take turns, so that each shows them all."""
-UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES = 5, 1_000, 125  # of the analyses that fleets are measured on
+RECORDS, MACHINES = 1_000, 47
+"""Few records of each machine, whose states are then spread as widely as those of long fleets, and no divisor in common
+with the 25 records in which classes take turns, so that each machine shows them all."""
 
 PLAN = """
 scene = "healthy-mill"
@@ -61,7 +58,7 @@ direction = [0, 0, 1]
 units = "g"
 [[class]]
 name = "healthy"
-share = 7
+share = 12
 """
 FAULT = """
 [[class]]
@@ -73,10 +70,18 @@ component = "{component}"
 """
 SIZES = (
     ("crack", "tooth_crack", "stage 1/pinion", "depth_mm", 0.1, 3),
+    ("chipping", "chipping", "stage 2/intermediate", "size_mm", 0.1, 10),
+    ("missing tooth", "missing_tooth", "stage 1/intermediate", "size_mm", 0.1, 6.7),
     ("spall", "spall", "stage 2/output", "size_mm", 0.1, 3),
+    ("pitting", "pitting", "stage 1/pinion", "size_mm", 0.1, 2),
     ("eccentricity", "eccentricity", "stage 1/intermediate", "size_mm", 0.02, 0.7),
+    ("misalignment", "misalignment", "stage 2/output", "size_mm", 0.1, 10),
+    ("wear", "wear", "stage 1/pinion", "size_mm", 0.02, 1),
+    ("imbalance", "imbalance", "input", "size_mm", 0.01, 1),
     ("inner race", "inner_race", "intermediate bearing", "size_mm", 0.1, 3),
     ("outer race", "outer_race", "input bearing", "size_mm", 0.1, 3),
+    ("rolling element", "rolling_element", "input bearing", "size_mm", 0.1, 3),
+    ("cage", "cage", "intermediate bearing", "size_mm", 0.1, 3),
 )
 
 
@@ -85,72 +90,51 @@ SIZES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Analyses:
-    """Logarithms of the indicators of all records (records, series), their levels in health, classes and severities."""
+    """Logarithms of the indicators of all records (records, series), and their levels in health.
+
+    Of each record also the class, the size of its fault, the components diagnosed, its states, and its machine.
+    """
 
     series: tuple[Series, ...]
     values: Array
     levels: Array
     kinds: NDArray[np.str_]
     severity_mm: Array
-    diagnosed: NDArray[np.bool_]
+    diagnosed: list[tuple[str, ...]]
+    states: Array
+    machine: NDArray[np.int64]
+
+    @cached_property
+    def healthy(self) -> "Resampled":
+        """Fleets made of the healthy records."""
+        those = self.kinds == "healthy"
+        return Resampled(healthy=self.values[those], states=self.states[those], machine=self.machine[those])
 
 
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
-    """Return the analyses in the folder that faults are learned from; make what is missing."""
+    """Return the analyses in the folder; make what is missing."""
     text = PLAN.format(records=records, machines=MACHINES, seed=1)
     for name, kind, component, size, least, most in SIZES:
         text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least, most=most)
-    rows, labels = _analysed(folder, text, workers)
-    kinds = [str(kind) for kind in labels["class"].to_numpy()]
-    found, classes = [series_of(row) for row in rows], np.array(kinds)
-    every = tuple(sorted(set().union(*(one.keys for one in found))))
-    values = np.array([vector(one, every) for one in found])
-    kept = np.isfinite(values[classes == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
+    run = Serial() if workers == 1 else Processes(count=workers)
+    make_dataset(parse_plan(text), folder / "set", workers=run)
+    analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=run)
+    names, labels = json.loads((folder / "fleet/records.json").read_text()).values(), open_dataset(folder / "set")
+    seen = [observation(read_row(folder / "fleet" / "records" / name)) for name in names]
+    kinds = labels["class"].to_numpy().astype(np.str_)
+    every = tuple(sorted(set().union(*(one.values.keys for one in seen))))
+    values = np.array([vector(one.values, every) for one in seen])
+    kept = np.isfinite(values[kinds == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
     return Analyses(
         series=tuple(key for key, keep in zip(every, kept, strict=True) if keep),
         values=values[:, kept],
-        levels=np.nanmedian(values[classes == "healthy"][:, kept], axis=0),
-        kinds=classes,
+        levels=np.nanmedian(values[kinds == "healthy"][:, kept], axis=0),
+        kinds=kinds,
         severity_mm=labels["severity_mm"].to_numpy().astype(np.float64),
-        diagnosed=np.array([_diagnosed(row, kind) for row, kind in zip(rows, kinds, strict=True)]),
+        diagnosed=[one.diagnosed for one in seen],
+        states=np.stack([labels[f"history.{name}"].to_numpy() for name in STATES], axis=1),
+        machine=np.arange(records) % MACHINES,  # they take turns
     )
-
-
-def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resampled":
-    """Return the fleets that are made of machines of another seed, from which nothing is learned."""
-    rows, labels = _healthy(folder, UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES, workers)
-    return Resampled(
-        healthy=np.array([vector(series_of(row), series) for row in rows]),
-        states=_states(labels),
-        machine=np.arange(UNSEEN_RECORDS) % UNSEEN_MACHINES,  # records take turns
-    )
-
-
-def _healthy(
-    folder: Path, seed: int, records: int, machines: int, workers: int
-) -> tuple[list[dict[str, Any]], xr.Dataset]:
-    """Return the results of healthy records of machines of a seed, and their labels."""
-    return _analysed(folder / f"seed {seed}", PLAN.format(records=records, machines=machines, seed=seed), workers)
-
-
-def _analysed(folder: Path, text: str, workers: int) -> tuple[list[dict[str, Any]], xr.Dataset]:
-    """Return the results of the records of a plan, and their labels."""
-    make_dataset(parse_plan(text), folder / "set", workers=Processes(count=workers), progress=True)
-    analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=Processes(count=workers), progress=True)
-    names = json.loads((folder / "fleet/records.json").read_text()).values()
-    return [read_row(folder / "fleet" / "records" / name) for name in names], open_dataset(folder / "set")
-
-
-def _states(labels: xr.Dataset) -> Array:
-    return np.stack([labels[f"history.{name}"].to_numpy() for name in STATES], axis=1)
-
-
-def _diagnosed(row: dict[str, Any], name: str) -> bool:
-    """Return whether the fault of a record's class is diagnosed: that kind of defect, of that component."""
-    parts = {fault: (component, kind) for fault, kind, component, *_ in SIZES}
-    component, kind = parts.get(name, ("", ""))
-    kind = kind if kind in BEARING_KINDS else "tooth"
-    return any((one, of, word) == (component, kind, "diagnosed") for one, of, word, *_ in row["findings"])
 
 
 # ---- fleets ----------------------------------------------------------------------------------------------------------
@@ -182,10 +166,6 @@ class Fleet:
     series: Array
     measured: Array
 
-    def of(self, those: NDArray[np.bool_]) -> "Fleet":
-        """Return some of the machines."""
-        return Fleet(series=self.series[those], measured=self.measured[those])
-
 
 @dataclass(frozen=True, kw_only=True)
 class Resampled:
@@ -193,8 +173,9 @@ class Resampled:
 
     A series is its mean, its slopes on the states that carry over (fitted to the healthy analyses), and a residual
     drawn from them: all series of a record together, so that they depend on each other as they do there. Slopes and
-    residuals are about the means of the machines analysed, since each machine has its own baseline. Residuals of
-    machines are scaled by a factor of their own, log-normal with a deviation of 20 %.
+    residuals are about the means of the machines analysed, since each machine has its own baseline. Residuals are drawn
+    in standard deviations of their machines, and have those of one machine analysed: drawn as they are, those of a
+    machine that scatters more would be outliers of every machine.
 
     A slope that is the error of its fit alone would make every machine drift where none does. Slopes b of standard
     error s are therefore shrunk to b max(0, 1 - (2 s / b)^2) (nonnegative garrote; Breiman 1995, Technometrics 37(4),
@@ -226,6 +207,23 @@ class Resampled:
         left = self._within(self.healthy - self.standard @ slopes)
         return slopes, left / np.sqrt(1 - 1 / np.bincount(self.machine)[self.machine, None])
 
+    @cached_property
+    def _scatter(self) -> tuple[Array, Array]:
+        """Deviations (machines, series) of the machines analysed, and residuals over them.
+
+        Variances of few records are moderated by those of all machines (Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3,
+        article 3).
+        """
+        left, of = self._fit[1], [self.machine == one for one in range(self.machine.max() + 1)]
+        dof = np.array([those.sum() - 1.0 for those in of])[:, None]
+        variance = np.array([np.nanmean(left[those] ** 2, axis=0) for those in of])
+        excess = np.nanmean(np.nanvar(np.log(variance) - digamma(dof / 2) + np.log(dof / 2), axis=0))
+        weights = np.geomspace(1000, 1, 300)  # records, and the variance of logarithms that they leave
+        weight = np.interp(excess - polygamma(1, dof / 2).mean(), polygamma(1, weights / 2), weights)
+        usual = np.nansum(dof * variance, axis=0) / dof.sum()
+        std = np.sqrt((dof * variance + weight * usual) / (dof + weight))
+        return std, left / std[self.machine]
+
     def still(self) -> "Resampled":
         """Return the same without what carries over."""
         return replace(self, healthy=self._fit[1], states=np.random.default_rng(18).standard_normal(self.states.shape))
@@ -233,31 +231,42 @@ class Resampled:
     @property
     def standard(self) -> Array:
         """States in the deviations that the history declares."""
+        return self.standard_of(self.states)
+
+    @staticmethod
+    def standard_of(states: Array) -> Array:
+        """Return states (records, states) in the deviations that the history declares."""
         declared = History()
-        stds = np.array([declared.gain_db, declared.noise_db, declared.temperature_k, declared.load_share])
-        return self.states / stds
+        return states / np.array([declared.gain_db, declared.noise_db, declared.temperature_k, declared.load_share])
 
     def machines(self, count: int, records: int, rng: np.random.Generator, measured: Sequence[str] = ()) -> Fleet:
         """Return series about their means, and what is measured of the states: each with an error of its own."""
-        slopes, left = self._fit
+        slopes, (std, left) = self._fit[0], self._scatter
         states = standard_states(count, records, rng, History())
         drawn = left[rng.integers(len(left), size=(count, records))]
-        spread = np.exp(0.2 * rng.standard_normal((count, 1, 1)))
+        spread = std[rng.integers(len(std), size=count), None]
         known = states[..., [STATES.index(name) for name in measured]]
         errors = _MEASURED_ERROR * rng.standard_normal(known.shape)
         return Fleet(series=np.asarray(states @ slopes + spread * drawn), measured=known + errors)
 
 
-def fault_courses(found: Analyses, healthy: Array) -> dict[str, tuple[Array, Array]]:
-    """Return, for each fault, sizes in mm and what it adds to every series there: a running mean over five sizes."""
-    center = np.nanmean(healthy, axis=0)
-    courses = {}
-    for name in FAULTS:
-        those = found.kinds == name
-        order = np.argsort(found.severity_mm[those])
-        shifts = np.nan_to_num((found.values[those] - center)[order])
-        window = np.array([shifts[max(0, i - 2) : i + 3].mean(axis=0) for i in range(len(order))])
-        courses[name] = (found.severity_mm[those][order], window)
+def fault_courses(found: Analyses) -> dict[str, tuple[Array, Array]]:
+    """Return, for each fault, sizes in mm and what it adds to every series there: a running mean over five sizes.
+
+    It is about the healthy mean of the same machine, at the states of the record, and shrunk by twice its standard
+    error as slopes are: what remains of other differences would be a change of sound components.
+    """
+    healthy, of = found.healthy, found.kinds == "healthy"
+    at_states = found.values - healthy.standard_of(found.states) @ garrote(*healthy.slopes)
+    own = np.array([np.nanmean(at_states[of & (found.machine == one)], axis=0) for one in range(MACHINES)])
+    shifts, courses = at_states - own[found.machine], {}
+    error = np.nanstd(shifts[of], axis=0)
+    for name, *_ in SIZES:
+        those = np.flatnonzero(found.kinds == name)
+        those = those[np.argsort(found.severity_mm[those])]
+        windows = [np.nan_to_num(shifts[those[max(0, i - 2) : i + 3]]) for i in range(those.size)]
+        course = np.array([garrote(one.mean(axis=0), error / np.sqrt(len(one))) for one in windows])
+        courses[name] = (found.severity_mm[those], course)
     return courses
 
 
