@@ -24,9 +24,8 @@ def chain_of(record: SlipRecord, *, noise_variance: float) -> SlipChain:
     """
     (edges, centres, _), model = record.blocks, record.model
     q = np.broadcast_to(model.process_noise()[:, 0], record.x.size)
-    process = np.diff(np.cumsum(q)[centres])
     # Zero where the bandwidth is, or the shaft rests; but it is a divisor.
-    process = np.maximum(process, 1e-12 * q.max())
+    process = np.maximum(np.diff(np.cumsum(q)[centres]), 1e-12 * q.max())
     # The number of turns in a long gap is unknown: the phase after it must not determine the slip within.
     observed = np.flatnonzero(np.add.reduceat(~np.isnan(record.x), edges[:-1]))
     before, after = observed[:-1], observed[1:]
@@ -82,6 +81,16 @@ def _smoothed(chain: SlipChain) -> tuple[Floats, float]:
     smooth_blocks(chain)
     step = chain.offsets[:, :, 0]
     return step, float(np.max(np.abs(step) / np.sqrt(np.diagonal(chain.gains, axis1=1, axis2=2))))
+
+
+def along(chain: SlipChain, slip: Floats) -> SlipChain:
+    """Return the path with the best amplitudes for a slip in each block."""
+    states = chain.states.copy()
+    states[:, -1] = slip
+    run, _ = _linearised(chain, states, np.zeros(slip.size))
+    step, _ = _smoothed(run)
+    step[:, -1] = 0.0  # at zero amplitude the record does not depend on the slip
+    return run._replace(states=run.states + step)
 
 
 def smooth(chain: SlipChain, start: SlipChain, *, limit: int) -> tuple[SlipChain, Status, Floats]:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, pi
-from typing import NamedTuple
 
 import numpy as np
 
@@ -89,17 +88,12 @@ _TILTS = np.arange(1, 20) / 20  # theta of the bound
 _RATIOS = np.geomspace(1e-4, 1.25, 600)
 
 
-class Ridge(NamedTuple):
-    """The path of slips with most power."""
+def search(record: SlipRecord, *, noise_variance: float | None) -> tuple[Floats, float, float, float]:
+    """Search for the line.
 
-    first_slip: float
-    slip_width: float  # slip that adds one turn of the line in a segment
-    noise_variance: float  # R
-    false_alarm_probability: float  # bound on the probability of such a path in noise alone
-
-
-def search(record: SlipRecord, *, noise_variance: float | None) -> Ridge:
-    """Search for the line."""
+    Returns the (block,) path of slips with most power, the slip that adds one turn of the line in a segment, R, and a
+    bound on the probability of such a path in noise alone.
+    """
     model, (edges, centres, _) = record.model, record.blocks
     phase, revolutions = model.phases[0], record.turning[-1] / (2 * pi)
     # Where the shaft turns back, the angle covers less than the total rotation.
@@ -131,7 +125,7 @@ def search(record: SlipRecord, *, noise_variance: float | None) -> Ridge:
         along = replace(model, phases=(phase,), bandwidth=np.full((model.orders.size, 1), widest))
         curved = widest * record.per_rev * revolutions >= SEGMENT
         noise, _ = _on_both_sides(record.x, along, noise, curved=curved)
-    return Ridge(float(slip[0]), slip_width, noise, probability)
+    return np.interp(turning, middle, slip), slip_width, noise, probability
 
 
 def _power(record: SlipRecord, grid: Floats) -> tuple[Floats, int]:

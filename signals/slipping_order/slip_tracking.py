@@ -12,8 +12,9 @@ with one pole and the same `bandwidth`. The slip is a random walk over shaft ang
 
 The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). It starts from the first slip of the path of slips
 with most power, see `slip_detection`. The smoother minimises the exact sum of squares, samples over R, changes over
-their variances, by Gauss-Newton steps from there: each is a Kalman filter and a Rauch-Tung-Striebel smoother of the
-model linearised at the trajectory so far (Bell 1994 [1]_), halved until the sum falls (Sarkka and Svensson 2020 [2]_).
+their variances, by Gauss-Newton steps: each is a Kalman filter and a Rauch-Tung-Striebel smoother of the model
+linearised at the trajectory so far (Bell 1994 [1]_), halved until the sum falls (Sarkka and Svensson 2020 [2]_). Of the
+minima found from that path and from the filter, which follows faster slips, it returns the lower one.
 Both run on the chain of `signals.harmonics.node_chain`: relative to the phase of the line that slips along the
 trajectory, all but the effect of the slip is a random walk. The uncertainty is that of the linearised model at the
 minimum, and holds while the phase is known to a fraction of a turn.
@@ -37,7 +38,7 @@ import numpy as np
 from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._arguments import SMALLEST, check_below_half_rate, check_model, check_record
 from signals.harmonics.state_space import Estimator
-from signals.slipping_order.block_chain import Status, chain_of, extended_filter, smooth
+from signals.slipping_order.block_chain import Status, along, chain_of, extended_filter, smooth
 from signals.slipping_order.slip_detection import SlipRecord, search
 
 if TYPE_CHECKING:
@@ -247,17 +248,17 @@ def track_slipping_order(
             f"phase_rad turns by {turned:g} rad in all, order {top:g} by {top * turned / (2 * np.pi):g} turns: "
             "the shaft has turned too little to tell a slip; take a longer record, or give the angle in rad."
         )
-    what = f"order {top:g} with a slip of {largest_slip:g}"
-    check_below_half_rate(what, top * (1 + largest_slip), model.phases[0])
+    check_below_half_rate(f"order {top:g} with a slip of {largest_slip:g}", top * (1 + largest_slip), model.phases[0])
 
-    ridge = search(record, noise_variance=given)
-    chain, (_, centres, outputs) = chain_of(record, noise_variance=ridge.noise_variance), record.blocks
+    ridge, slip_width, noise, chance = search(record, noise_variance=given)
+    chain, (_, centres, outputs) = chain_of(record, noise_variance=noise), record.blocks
     status: Status = "single pass"
     objective = np.empty(0)
     try:
-        path, total = extended_filter(chain, slip=ridge.first_slip, slip_std=min(largest_slip, ridge.slip_width / 2))
+        path, total = extended_filter(chain, slip=ridge[0], slip_std=min(largest_slip, slip_width / 2))
         if estimator == "smoother":
-            path, status, objective = smooth(chain, path, limit=limit)
+            ends = [smooth(chain, start, limit=limit) for start in (path, along(chain, ridge))]
+            path, status, objective = min(ends, key=lambda end: end[2][-1])
             total = 2 * objective[-1]  # the least sum of squares is that of the normalised innovations
     except np.linalg.LinAlgError as error:
         raise FloatingPointError(
@@ -278,20 +279,20 @@ def track_slipping_order(
     changes = np.diff(path.states[at, -1]) ** 2 / np.diff(np.append(0.0, np.cumsum(chain.process[:, -1]))[at])
     if estimator == "smoother" and chdtrc(max(changes.size, 1), changes.sum()) < _TOO_FAST:
         status = "slip faster than declared"
-    if ridge.false_alarm_probability > _FALSE_ALARM:
+    if chance > _FALSE_ALARM:
         status = "no line"
         slip_std = np.maximum(slip_std, largest_slip / np.sqrt(3))
         amplitude_std = np.maximum(amplitude_std, np.abs(amplitude))  # of the path with most noise
         phase_std[:] = _UNKNOWN_PHASE
-    unit = np.sqrt(ridge.noise_variance)
+    unit = np.sqrt(noise)
     return SlippingTrack(
         complex_amplitude=unit * amplitude * start, std=unit * std, amplitude_std=unit * amplitude_std,
         phase_std_rad=phase_std, slip=slip, slip_std=slip_std, slip_phase_rad=slip_phase - slip_phase[0],
         sample_index=centres[outputs], order=float(order), largest_slip=float(largest_slip),
         slip_change_per_rev=float(slip_change_per_rev), bandwidth=float(bandwidth["bandwidth"][0]),
-        bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator, noise_variance=ridge.noise_variance,
+        bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator, noise_variance=noise,
         innovation_mean_square=total / np.count_nonzero(~np.isnan(samples)), status=status, objective=objective,
-        false_alarm_probability=ridge.false_alarm_probability, iterations=max(0, objective.size - 1),
+        false_alarm_probability=chance, iterations=max(0, objective.size - 1),
     )  # fmt: skip
 
 
