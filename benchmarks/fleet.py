@@ -123,7 +123,7 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
                 text.append(f"| {' | '.join(map(str, cells))} | {within} |")
                 sys.stdout.write(f"{text[-1]}\n")
                 sys.stdout.flush()
-    still, few = resampled.still(), given.machines // 40
+    still, few = resampled.still(), given.machines // 4
     until = healthy_fleet(still, found, layout, machines=few, baseline=BASELINES[0], seed=5)[0][0]
     alarms, records, *_ = run_lengths(until)
     text.append(
