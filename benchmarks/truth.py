@@ -31,9 +31,9 @@ s: CPU time including truth. `benchmark-1` rows: the first record with a damaged
 varies by 3 %, rises or falls linearly, or steps; and the first of each with a severity of 0.4 to 0.6.
 
 Lines are to leave at most 0.3 % of a record, free vibration aside, and 3 % of a fault. They leave more of both starts
-from 1 rpm and of the ramp from 90 to 180 rpm, where speed changes within the revolutions that resolve neighbouring
-lines; of planets with deviations, whose lines take more bytes than the samples; and of `wijianto`, whose mesh follows
-time, so that its lines are at no order of a shaft."""
+from 1 rpm, where teeth engage so slowly that the gears ring at orders above the highest line, or the speed changes
+within the revolutions that resolve neighbouring lines; and of `wijianto`, whose mesh follows time, so that its lines
+are at no order of a shaft."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | stated: free, left, fault left, % | size | s |\n"
     "|---|---|---|---|---|---|---|---|"

@@ -28,11 +28,11 @@ _BETA = 2.0 * _SPREAD
 _DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 16  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
 _RISE, _RISE_OF_CONSTANTS = 0.06, 0.05  # of an interval, and of a record, in which the weight rises from zero to one
-_APART, _APART_OF_CONSTANTS = 0.5, 0.25
-"""Least distance of a line from order zero and from every stronger line: in cycles per mean interval, and in cycles per
-record for constant amplitudes. Closer lines of constant amplitude are resolved, but splines at as many orders would
-have more coefficients than there are samples."""
-_ENOUGH, _WORSE = 2e-4, 2.0
+_APART, _NEARER, _APART_OF_CONSTANTS = 0.5, 0.4, 0.25
+"""Least distance of a line from order zero and from every stronger line: in cycles per mean interval, the same where
+this leaves too much and more lines are admitted, and in cycles per record for constant amplitudes. Closer lines of
+constant amplitude are resolved, but splines at as many orders would have more coefficients than there are samples."""
+_ENOUGH, _GAIN = 5e-4, 0.9
 """Share of the power left below which intervals are not shortened; and times as much left: a step that leaves more is
 the last."""
 _UNKNOWNS = 0.65  # coefficients per sample, at most: with more, splines would fit any signal
@@ -109,12 +109,14 @@ def projection(
         if np.max(best.left) < _ENOUGH or best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
             break
         found = fitted(orders[places], intervals)
-        if np.sum(found.left) > _WORSE * np.sum(best.left):
+        former, best = best, min(best, found, key=_total_left)
+        if _total_left(found) > _GAIN * _total_left(former):
             break
-        best = min(best, found, key=_total_left)
     if 0 < best.chosen.size == most:  # the lines left out had taken parts of those
         found = fitted(orders[places[best.chosen]], best.intervals)
         best = min(best, replace(found, chosen=best.chosen[found.chosen]), key=_total_left)
+    elif not steady and np.max(best.left) > _ENOUGH:
+        best = min(best, fitted(orders[places], best.intervals, apart=_NEARER), key=_total_left)
     from_zero = np.exp(-2j * np.pi * np.remainder(orders[places[best.chosen]] * revolutions[0], 1.0))
     return replace(best, chosen=places[best.chosen], amplitudes=best.amplitudes * from_zero[:, None])
 
@@ -123,12 +125,14 @@ def _total_left(found: Projection) -> float:
     return float(np.sum(found.left))
 
 
-def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None) -> Projection:
+def _fitted(
+    spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None, apart: float = _APART
+) -> Projection:
     """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
     spectrum = replace(spectrum, intervals=intervals)
-    interval_rev, apart = spectrum.span_rev / max(intervals, 1), _APART if intervals else _APART_OF_CONSTANTS
+    interval_rev, apart = spectrum.span_rev / max(intervals, 1), apart if intervals else _APART_OF_CONSTANTS
     some, gaps = _separate(orders, spectrum.power_about(orders, 1 / interval_rev), apart=apart / interval_rev)
-    knots_rev, least_rev = at_rev - spectrum.revolutions[0], _APART / gaps
+    knots_rev, least_rev = at_rev - spectrum.revolutions[0], apart / gaps
     lines = _Lines(
         spectrum=spectrum, orders=orders[some], intervals=intervals, knots_rev=knots_rev, least_rev=least_rev
     )
