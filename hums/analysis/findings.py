@@ -48,7 +48,6 @@ __all__ = [
 ]
 
 DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
-CERTAIN = 0.5  # of the stated probability: what is diagnosed is twice as rare among healthy machines
 LONGER = "Take a longer record at a steady speed and load."
 _UNKNOWN = "unknown: no earlier record of this machine to compare with"
 
@@ -251,10 +250,7 @@ def _bearing_verdict(
         step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
         return _not_judged(part, why, probability=shown, least_change=least_change, next_step=step)
     doubts = _doubts(part, rivals)
-    if probability > CERTAIN * stated and not doubts:
-        doubts.append(f"{healthy_share_words(probability)} healthy machines show as much")
-    certain = library.strength_at(CERTAIN * stated, **tested)
-    return _named(part, doubts, shown, _least_of(_changes(part, rivals, doubts, needed, certain)))
+    return _named(part, doubts, shown, _least_of(_changes(part, rivals, doubts, needed)))
 
 
 def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
@@ -323,7 +319,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     doubts += [
         f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may also produce this line"
         for other in {(one.component, one.kind): one for one in rivals}.values()
-        if _as_near(part, other) and RIVAL_FACTOR * other.strength > part.strength
+        if _as_near(part, other)
     ]
     return doubts
 
@@ -359,7 +355,7 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
 
 
 def _changes(
-    part: PartEvidence, rivals: Sequence[PartEvidence], doubts: Sequence[str], needed: float, certain: float
+    part: PartEvidence, rivals: Sequence[PartEvidence], doubts: Sequence[str], needed: float
 ) -> list[tuple[float, str]]:
     """Return changes that would alter the verdict on a named part, each with its factor; inf if it has none."""
     lost = [(part.strength / needed, f"nothing found below a strength of {needed:.3g} (now {part.strength:.3g})")]
@@ -367,14 +363,12 @@ def _changes(
         if part.depth < FAULTY_DEPTH:
             deeper = f"diagnosed at a modulation of {FAULTY_DEPTH:.0%} or more (now {part.depth:.1%})"
             return [*lost, (FAULTY_DEPTH / part.depth, deeper)]
-        if part.strength < certain < math.inf:
-            return [*lost, (certain / part.strength, f"diagnosed at a strength of {certain:.3g} or more")]
         return [*lost, (math.inf, f"diagnosed if this doubt is resolved: {doubts[0]}")]
     if doubts:
         return lost
     changes = [
         (part.depth / FAULTY_DEPTH, f"indicated below a modulation of {FAULTY_DEPTH:.0%} (now {part.depth:.1%})"),
-        (part.strength / certain, f"indicated below a strength of {certain:.3g} (now {part.strength:.3g})"),
+        *lost,
     ]
     most = part.depth / RIVAL_FACTOR
     for rival in _rivals(part, rivals):

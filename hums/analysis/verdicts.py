@@ -36,7 +36,6 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, Unmeasured, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
-    EXACT_BINS,
     FEWEST_CYCLES,
     GEARS_SHARE,
     SAME_SPEED,
@@ -177,10 +176,9 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
     share = (GEARS_SHARE, 1 - GEARS_SHARE) if gears and bearings else (1.0, 1.0)
     of_gears, of_bearings = (settings["false_alarm_probability"] * one for one in share)
-    teeth_named = [row for row in gears if row.probability <= of_gears and not row.explained_by]
     judged = [
         *bearing_verdicts(
-            [_unless_of_a_tooth(part, teeth_named) for part in parts],
+            parts,
             false_alarm_probability=of_bearings,
             faulty=faulty,
             library=_library(evidence),
@@ -207,20 +205,6 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         else one
         for one in judged
     ]
-
-
-def _unless_of_a_tooth(part: PartEvidence, named: Sequence[GearJudgement]) -> PartEvidence:
-    """Return the evidence for a bearing part, hidden if the impacts of a named tooth cause its line.
-
-    A tooth causes lines at exact multiples of its contact rate. The reverse does not hold: impacts of a race at a
-    multiple of the rotation rate, by coincidence of slip, would be distributed over several teeth.
-    """
-    for row in named if part.strength > 0 and not part.hidden_by else ():
-        multiple, near = round(part.found / row.order), EXACT_BINS * part.bin_width
-        if multiple > 0 and abs(part.found - multiple * row.order) <= near:
-            text = f"it is {multiple} times the rate at which the tooth of {row.component} that stands out meets others"
-            return replace(part, hidden_by=text)
-    return part
 
 
 @cache

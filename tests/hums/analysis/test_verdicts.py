@@ -210,9 +210,9 @@ def number(text, after):
 def test_a_verdict_turns_where_it_says(opened):
     parts = {(part.component, part.kind): part for part in rows_of(group(opened, "evidence"), PartEvidence)}
     # so deep that its strength is nearer to where it turns, whatever the library
-    certain = number(with_evidence(opened, depth=10.0).least_change, "indicated below a strength of ")
-    assert with_evidence(opened, strength=1.01 * certain).verdict == "diagnosed"
-    assert with_evidence(opened, strength=0.99 * certain).verdict == "indicated"
+    least = number(with_evidence(opened, depth=10.0).least_change, "nothing found below a strength of ")
+    assert with_evidence(opened, strength=1.02 * least).verdict == "diagnosed"
+    assert with_evidence(opened, strength=0.98 * least).verdict == "not judged"  # still rare in health
     shallow = number(with_evidence(opened, depth=0.12).least_change, "indicated below a modulation of ")
     assert with_evidence(opened, depth=1.01e-2 * shallow).verdict == "diagnosed"
     assert with_evidence(opened, depth=0.99e-2 * shallow).verdict == "indicated"
@@ -284,22 +284,3 @@ def test_a_change_against_zones_counts_by_a_quarter_of_zone_b():
     for velocity, verdict in ((1.5, "nothing found"), (1.9, "indicated")):
         table = rows(shaken(add=shaking(velocity), limits=LIMITS, baseline=first))
         assert table.loc[("input", "shaft"), "verdict"] == verdict
-
-
-def test_the_parts_of_a_machine_with_a_damaged_tooth_are_judged_beside_it():
-    settings = AnalysisSettings(most_tracks=0, pictures=False)
-    analysis = analysed(settings=settings)
-    part = rows_of(group(analysis, "evidence"), PartEvidence)[0]
-    gear = rows_of(group(analysis, "gears"), GearJudgement)[0]
-    line = {"found": 26 * gear.order, "strength": 0.9, "depth": 0.9, "hidden_by": ""}
-    tooth = replace(gear, strength=25.0, repeats=1e-6, local=1e-25, turns=100, explained_by="", not_judged="")
-    library = group(analysis, "evidence").attrs
-    changed = analysis.copy()
-    changed["evidence"] = rows_dataset([replace(part, **line)], PartEvidence, dim="part").assign_attrs(library)
-    teeth = group(analysis, "gears").attrs
-    changed["gears"] = rows_dataset([tooth], GearJudgement, dim="gear").assign_attrs(teeth)
-    found = {(one.component, one.kind): one for one in derive_verdicts(changed)}
-    verdict = found[part.component, part.kind]
-    assert found[gear.component, "tooth"].verdict == "indicated"
-    assert verdict.verdict == "not judged"
-    assert f"26 times the rate at which the tooth of {gear.component}" in verdict.evidence
