@@ -7,23 +7,20 @@ The rules, fixed on the wind turbine and CWRU records:
 2. Detected lines are assessed in descending order of level (amplitude over background; a bearing's with its harmonics
    and sidebands). A detected line is *significant* (column ``claimed``) unless one of these explains it:
 
-   - leakage: through the window, a larger line contributes half of its amplitude or more; for a sideband, also a line
-     of the mains, constant in Hz, that the speed passes;
+   - leakage: through the window, a larger line contributes half of its amplitude or more;
    - a bearing line is no peak: the spectrum still rises at the edge of the search range;
-   - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
-     spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
-     order of one race is itself such a multiple for the other race; there the weaker line is explained only if it is
-     below a third of the stronger, since comparable lines on both races are evidence of two defects. Unequal elements
-     produce a line at the cage order. A line below a third of that of another defect of the same bearing is masked
-     by it, since the impacts of one defect excite lines at the orders of the others;
+   - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, or of a sideband of that line
+     spaced by a ring's rotation or the cage;
+   - it is a cage's: unequal elements and a damaged element produce a line at the cage order;
+   - it is below a third of that of another defect of the same bearing, since the impacts of one defect excite lines at
+     the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
      any multiple of that order. These are of similar size: a comb of a shaft or cage whose first harmonics are below a
      third of a bearing line explains no multiple above the third, since a defect carried through the load zone causes
      such lines as well;
    - it is a sideband that the planet pass produces in a healthy stage.
-3. If two lines of a bearing share a peak, the one with the nearer nominal order explains the other, and a cage without
-   a comb of impacts is assessed last. Lines of several bearings that share a peak do not explain one another;
-   `hums.analysis.evidence` compares their combs.
+3. If lines of bearings share a peak, the part with the nearest nominal order explains the others; a cage without a comb
+   of impacts is assessed last.
 4. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing.
 """
 
@@ -38,8 +35,7 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 LEAKAGE_SHARE = 0.5
-_EXPLAINED_HARMONICS = 3
-_EXPLAINED_SIDEBANDS = 3
+_EXPLAINED = 3  # harmonics of a stronger line, and sidebands on either side of each
 
 _Comb = tuple[tuple[str, str], str, str]  # component and kind, channel, spectrum
 
@@ -116,11 +112,10 @@ class LineAssessor:
         `least` is the smallest amplitude of the comb that `stronger` is of, None if it is of none.
         """
         same_spectrum = weaker.expected.spectrum == stronger.expected.spectrum and weaker.channel == stronger.channel
-        if not same_spectrum or weaker.family == stronger.family or _one_peak(weaker, stronger):
+        if not same_spectrum or weaker.family == stronger.family:
             return ""
         base = stronger.line.found
         name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
-        impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
         carried = weaker.expected.component.startswith(f"{stronger.expected.component}/")
         if carried and (stronger.expected.kind, stronger.expected.harmonic) == ("gear_mesh", weaker.expected.harmonic):
             # the sidebands of a mesh follow from where it was found; a nominal speed leaves room for other lines
@@ -129,57 +124,41 @@ class LineAssessor:
                 return f"off the sidebands of {name}, the nearest of which is at {place:.4g}"
         if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"indistinguishable from {name}" if _near(weaker, base, bins=1.0) else ""
-        if stronger.expected.kind == "shaft" or _is_comb(stronger):
+        if stronger.expected.kind in {"shaft", "cage"} or _is_comb(stronger):
             # where the speed was measured, the shaft's order is exact, and that of its line is not
             base = (base if stronger.expected.tolerance else stronger.expected.order) / stronger.expected.harmonic
             multiple = round(weaker.line.found / base)
             # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
             # own shaft's order, so that only the searched harmonics explain them.
-            highest = multiple if impacts and weaker.expected.kind != "tooth" else _EXPLAINED_HARMONICS
+            impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
+            highest = multiple if impacts and weaker.expected.kind != "tooth" else _EXPLAINED
             near = 0 < multiple <= highest and _near(weaker, multiple * base)
             return f"harmonic {multiple} of {name}" if near else ""
-        harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED_HARMONICS
+        harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED
         for harmonic in range(1, harmonics + 1):
             if _near(weaker, harmonic * base):
                 return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
-        bearing = stronger.expected.kind in BEARING_KINDS
-        return self._bearing_explanation(weaker, stronger, name, impacts=impacts) if bearing else ""
+        return self._bearing_explanation(weaker, stronger, name) if stronger.expected.kind in BEARING_KINDS else ""
 
-    def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str, *, impacts: bool) -> str:
-        """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""
+    def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str) -> str:
+        """Return the cage rate or sideband of a bearing line at the order of `weaker`, or an empty string."""
         order, bearing = weaker.line.found, self.bearings[stronger.expected.component]
         base = stronger.line.found / stronger.expected.harmonic
-        cage = implied_cage(bearing, stronger.expected.kind, base)
-        if cage:
-            multiple = round(order / cage)
-            highest = 2 * bearing.elements if impacts else _EXPLAINED_HARMONICS
-            races = {weaker.expected.kind, stronger.expected.kind} == {"inner_race", "outer_race"}
-            rival = races and not is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
-            if 0 < multiple <= highest and _near(weaker, multiple * cage) and not rival:
-                return f"{multiple} times the cage rate implied by {name}"
-        element = stronger.expected.kind == "rolling_element"
         # bearings of the same orders make the same lines: what one of them explains, it explains of all
         same = replace(bearing, name="") == replace(self.bearings.get(weaker.expected.component, bearing), name="")
+        element = stronger.expected.kind == "rolling_element"
         if same and weaker.expected.kind == "cage":
             why = "it carries" if element else "unequal elements modulate"
             return f"the cage's rate, at which {why} {name}" + (" through the load zone" if element else "")
-        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if element else cage} - {0.0}
-        for harmonic in range(1, _EXPLAINED_HARMONICS + 1):
-            for spacing in spacings:
+        for harmonic in range(1, _EXPLAINED + 1):
+            for spacing in {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage} - {0.0}:
                 side = round((order - harmonic * base) / spacing)
-                if 0 < abs(side) <= _EXPLAINED_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
+                if 0 < abs(side) <= _EXPLAINED and _near(weaker, harmonic * base + side * spacing):
                     return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
         times = stronger.line.amplitude / weaker.line.amplitude
         if same and not is_support(weaker) and times > RIVAL_FACTOR:
             return f"hidden by {name}, {times:.0f} times as large"
         return ""
-
-
-def _one_peak(one: MeasuredLine, other: MeasuredLine) -> bool:
-    """Whether the fundamentals of parts of two bearings are one peak, whose combs `hums.analysis.evidence` compares."""
-    fundamentals = all(line.expected.fundamental and line.expected.kind in BEARING_KINDS for line in (one, other))
-    apart = one.expected.component != other.expected.component
-    return fundamentals and apart and _near(one, other.line.found, bins=1.0)
 
 
 def _searches(lines: Iterable[MeasuredLine]) -> int:
@@ -261,12 +240,3 @@ def _is_comb(line: MeasuredLine) -> bool:
 
 def _near(line: MeasuredLine, order: float, *, bins: float = LOBE_BINS) -> bool:
     return abs(line.line.found - order) <= bins * line.bin_width
-
-
-def implied_cage(bearing: BearingOrders, kind: str, order: float) -> float:
-    """Return the cage order relative to the outer ring that a race or cage line implies; 0 for other kinds."""
-    if kind == "outer_race":
-        return order / bearing.elements
-    if kind == "inner_race":
-        return bearing.relative - order / bearing.elements
-    return order if kind == "cage" and bearing.outer_ring == 0 else 0.0

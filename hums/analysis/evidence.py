@@ -12,8 +12,8 @@ defect that rotates through the load zone is struck harder there: if sidebands a
 strength is divided by four, and likewise if harmonics were searched for and none is found, since impacts are not
 sinusoidal. The strength of a part is that in its best band.
 
-A line does not count for a part if another source explains it: a multiple of another line, a sideband of a deeper one
-in whatever band that is deepest, a harmonic of the mains, or a multiple of a shaft, alone or in a comb.
+A line does not count for a part if another source explains it: a multiple of another line of the band, a harmonic of
+the mains, or a multiple of a shaft, alone or in a comb.
 """
 
 import math
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from hums.analysis.detection import AssessedLine
 from hums.analysis.expected_lines import MeasuredLine, supports
 from hums.analysis.thresholds import (
+    APART_BINS,
     EXACT_BINS,
     FASTEST_SPIN,
     FAULTY_DEPTH,
@@ -40,6 +41,7 @@ from hums.analysis.thresholds import (
     NO_SIDEBAND,
     RIVAL_FACTOR,
     SEEN,
+    SHAFT_MULTIPLES,
     STEADY_SPEED,
     TRUSTED_SNR,
 )
@@ -47,21 +49,14 @@ from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
-# Line widths between multiples of the mains, below which a quarter of all lines coincides with one.
-_CHANCE_WIDTHS = 4.0
 _ALIKE = 0.99  # of the largest, above which bandwidths, or strengths of one peak, are equal to rounding
 _ONE_IN_10 = 1.282  # standard deviations by which a normal variable is below its mean in one of ten cases
 _SIDEBANDS = 3  # on either side that support a fundamental
-_HARMONIC_SHARE = 0.5  # of the depth of a line that its subharmonic must have: harmonics of impacts decay
-_MULTIPLES = 3  # of a deeper line that may coincide with the line of a part
-_EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
-_CARRIED = 10  # multiples of impact rates or beats in a band: a tenth is above half the width of a resonance
-_COMB = 30  # multiples of a shaft that impacts once per revolution cause
 _LOAD_MULTIPLES = 4  # of a shaft, from modulation once and twice per revolution: the second of the second
 _FULL_COMB = 0.7  # share of eight multiples of a slow shaft, from impacts; a defect with sidebands has fewer
+_MULTIPLES = 3  # of another line that may coincide with the line of a part
 _DRAWN = 0.02  # relative distance within which a line is one of the drawing
 _MISDECLARED = 0.2  # relative: one element more or less moves the lines of a bearing of seven or more by less
-_FAST_BINS = 20  # bins between multiples of a shaft, below which any line is near one
 
 Numbers = NDArray[np.float64]
 
@@ -218,35 +213,37 @@ def bearing_evidence(
             expected = line.measured.expected
             if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
                 families.setdefault(line.measured.family, []).append((band, line))
-    others = _Others(bands, setting)
-    parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    parts = [_part(seen, bearings[component], setting) for (component, _), seen in families.items()]
     parts = [
         replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
     ]
-    parts = [replace(part, hidden_by=part.hidden_by or _of_a_better_comb(part, parts)) for part in parts]
-    parts = [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
-    strange = _stranger(bands, parts, others)
+    parts = [replace(part, hidden_by=part.hidden_by or _carried(part, parts, bearings)) for part in parts]
+    strange = _stranger(bands, parts, setting)
     return [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
 
 
-def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], others: "_Others") -> tuple[float, float]:
+def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], setting: Setting) -> tuple[float, float]:
     """Return depth and order of the deepest line with a harmonic that neither drawing nor mains explain, or zeros."""
     multiples = np.arange(1, _MULTIPLES + 1)
+    width = MATCH_BINS * max((band.bin_width for band in bands), default=0.0)
+    # a shaft too slow for its sidebands to be resolved from the line is left out
+    spacings = [shaft for shaft in setting.shafts if shaft > 2 * width]
     drawn = np.outer([part.order for part in parts], multiples).ravel()
     shown = np.outer([part.found for part in parts if part.strength > 0], multiples).ravel()
-    sidebands = np.add.outer(shown, np.outer(others.spacings, (-2, -1, 1, 2)).ravel()).ravel()
+    sidebands = np.add.outer(shown, np.outer(spacings, (-2, -1, 1, 2)).ravel()).ravel()
     about = np.concatenate([drawn, sidebands])
-    reach_hz, found = 0.5 * others.width * others.setting.speed_hz, (0.0, 0.0)
+    slowest = min((part.order for part in parts), default=0.0) * (1 - _MISDECLARED)
+    found = (0.0, 0.0)
     for band in bands:
-        deep = (band.depths >= FAULTY_DEPTH) & (band.orders >= others.slowest) & ~others.of_shafts(band.orders)
-        for _, multiple in mains_multiples(band.orders, others.setting, reach_hz):
+        deep = (band.depths >= FAULTY_DEPTH) & (band.orders >= slowest) & ~_of_shafts(band.orders, width, setting)
+        for _, multiple in mains_multiples(band.orders, setting, 0.5 * width * setting.speed_hz):
             deep &= multiple == 0
         for place in np.flatnonzero(deep):
             order = float(band.orders[place])
-            near = (np.abs(about - order) <= np.maximum(others.width, _DRAWN * about)).any()
-            harmonic = (np.abs(band.orders - 2 * order) <= others.width).any()
+            near = (np.abs(about - order) <= np.maximum(width, _DRAWN * about)).any()
+            harmonic = (np.abs(band.orders - 2 * order) <= width).any()
             if harmonic and not near:
-                lowest = min(order / by for by in multiples if (np.abs(band.orders - order / by) <= others.width).any())
+                lowest = min(order / by for by in multiples if (np.abs(band.orders - order / by) <= width).any())
                 found = max(found, (float(band.depths[place]), lowest))
     return found
 
@@ -272,96 +269,35 @@ def _sibling_depths(
     return tuple(depths.values())
 
 
-def _of_a_better_comb(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
-    """Return to which part of another bearing a line belongs, or an empty string.
+def _carried(part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]) -> str:
+    """Return the damaged element of another bearing whose cage causes a line, or an empty string.
 
-    It belongs to the part with the strongest family and, among equal ones, to that nearest to its nominal order.
+    A cage carries a damaged element through the load zone and, if sidebands confirm that, causes lines at multiples of
+    its rate; the line of a cage may be deeper than that of the element, since the load zone interrupts the impacts.
     """
-    one_peak = [
-        other
-        for other in parts
-        if other.strength > 0
-        and not other.hidden_by
-        and other.component != part.component
-        and abs(other.found - part.found) <= part.bin_width
-        and not math.isclose(other.order, part.order, rel_tol=1e-9)
-    ]
-    if part.strength == 0 or not one_peak:
-        return ""
-    most = max(other.strength for other in (part, *one_peak))
-    best = min(
-        (other for other in (part, *one_peak) if other.strength >= _ALIKE * most),
-        key=lambda other: abs(other.found / other.order - 1),
-    )
-    return "" if best is part else f"it is that of {best.kind.replace('_', ' ')} of {best.component}"
-
-
-def _of_a_stronger_part(
-    part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]
-) -> str:
-    """Return which stronger part of another bearing explains a line, in whatever bands, or an empty string.
-
-    A line may be a harmonic of one that is deeper, within noise. A cage carries a damaged element through the load
-    zone and, if sidebands confirm that, causes lines at multiples of its rate; the line of a cage may be deeper than
-    that of the element, since the load zone interrupts the impacts.
-    """
+    near = MATCH_BINS * part.bin_width
     for other in parts:
-        least = 0.0 if (part.kind, other.kind) == ("cage", "rolling_element") else part.strength
-        if other.hidden_by or other.component == part.component or part.strength == 0 or other.strength <= least:
+        least = 0.0 if part.kind == "cage" else part.strength
+        carries = other.kind == "rolling_element" and other.sidebands and not other.hidden_by
+        if not carries or other.component == part.component or part.strength == 0 or other.strength <= least:
             continue
-        near = MATCH_BINS * part.bin_width
-        if other.kind == "rolling_element" and other.sidebands:
-            cage = bearings[other.component].cage
-            turns = round(part.found / cage) if cage > 2 * near else 0  # slower, and any line is near a multiple
-            if 0 < turns <= _SIDEBANDS and abs(part.found - turns * cage) <= near:
-                return f"it is {turns} times the rate at which a cage carries {other.component} rolling element"
-        multiple = round(part.found / other.found)
-        deeper = other.depth >= part.depth * (1 - 1 / part.snr - 1 / other.snr)
-        if 1 < multiple <= _CARRIED and deeper:
-            kind = other.kind.replace("_", " ")
-            if abs(part.found - multiple * other.found) <= near * math.sqrt(multiple):
-                return f"it is {multiple} times the line of {kind} of {other.component} at {other.found:.3f}"
+        cage = bearings[other.component].cage
+        turns = round(part.found / cage) if cage > 2 * near else 0  # slower, and any line is near a multiple
+        if 0 < turns <= _SIDEBANDS and abs(part.found - turns * cage) <= near:
+            return f"it is {turns} times the rate at which a cage carries {other.component} rolling element"
     return ""
 
 
-class _Others:
-    """Peaks of all bands, and those of them that are no multiples of a shaft."""
-
-    def __init__(self, bands: Sequence[BandEvidence], setting: Setting) -> None:
-        self.setting = setting
-        self.width = MATCH_BINS * max((band.bin_width for band in bands), default=0.0)
-        orders = np.concatenate([np.zeros(0), *(band.orders for band in bands)])
-        depths = np.concatenate([np.zeros(0), *(band.depths for band in bands)])
-        backgrounds = np.concatenate([np.zeros(0), *(band.backgrounds for band in bands)])
-        selected = ~self.of_shafts(orders)
-        self.every_order, self.every_depth = orders, depths
-        self.orders, self.depths = orders[selected], depths[selected]
-        self.strengths = self.depths**3 / (self.depths**2 + (TRUSTED_SNR * backgrounds[selected]) ** 2)  # each alone
-        searched = [
-            line.measured.expected for band in bands for line in band.lines if line.measured.expected.fundamental
-        ]
-        # what is slower than every part, or comes a few times in the record, is a change of level
-        self.slowest = max(
-            min((one.order - one.tolerance for one in searched), default=0.0),
-            FEWEST_CYCLES * self.width / MATCH_BINS,
-        )
-        # a shaft too slow for its sidebands to be resolved from the line is left out
-        self.spacings = tuple({round(s, 9): s for s in setting.shafts if s > 2 * self.width}.values())
-
-    def of_shafts(self, orders: Numbers) -> NDArray[np.bool_]:
-        """Return which orders are multiples of that of a shaft."""
-        on = np.zeros(orders.size, dtype=bool)
-        for shaft in self.setting.shafts:
-            if shaft > 2 * self.width:
-                on |= np.abs(orders - shaft * np.round(orders / shaft)) <= self.width
-        return on
-
-    def deepest(self, order: float) -> float:
-        """Return the depth of the deepest peak at an order, 0 if there is none."""
-        return float(self.every_depth[np.abs(self.every_order - order) <= self.width].max(initial=0.0))
+def _of_shafts(orders: Numbers, width: float, setting: Setting) -> NDArray[np.bool_]:
+    """Return which orders are multiples of that of a shaft."""
+    on = np.zeros(orders.size, dtype=bool)
+    for shaft in setting.shafts:
+        if shaft > 2 * width:
+            on |= np.abs(orders - shaft * np.round(orders / shaft)) <= width
+    return on
 
 
-def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrders, others: _Others) -> PartEvidence:
+def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrders, setting: Setting) -> PartEvidence:
     """Return the evidence for one part from its fundamental in every band."""
     spacings = _spacings(bearing, seen[0][1].measured.expected.kind)
     rated = [(_strength_in(band, line, spacings), number) for number, (band, line) in enumerate(seen)]
@@ -397,23 +333,25 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     if best == 0:
         return plain
     harmonics, sidebands = _support(main, band, spacings)
-    here = _Others([band], others.setting)
-    own = _own(here.orders, main.line.found, spacings, here.width)
-    rest = np.flatnonzero(~own & (here.orders >= here.slowest))
-    strongest = rest[np.argmax(here.strengths[rest])] if rest.size else None
-    own_depth = max(main.depth, others.deepest(main.line.found))
-    both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
-    found = main.line.found
-    hidden = _faster_than_it_rolls(main) or _comb_of_a_shaft(found, main.depth, band, others.setting)
+    width = MATCH_BINS * band.bin_width
+    own = _own(band.orders, main.line.found, spacings, width) | _of_shafts(band.orders, width, setting)
+    alone = band.depths**3 / (band.depths**2 + (TRUSTED_SNR * band.backgrounds) ** 2)
+    # what is slower than every part is a change of level
+    slowest = min(one.measured.expected.order for one in band.lines if one.measured.expected.fundamental)
+    rest = np.flatnonzero(~own & (band.orders >= (1 - _MISDECLARED) * slowest))
+    strongest = rest[np.argmax(alone[rest])] if rest.size else None
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
-        hidden_by=hidden or _mains(found, others) or _explanation(found, own_depth, others, both),
-        other_order=0.0 if strongest is None else float(here.orders[strongest]),
-        other_depth=0.0 if strongest is None else float(here.depths[strongest]),
-        other_strength=0.0 if strongest is None else float(here.strengths[strongest]),
+        hidden_by=_faster_than_it_rolls(main)
+        or _comb_of_a_shaft(main.line.found, main.depth, band, setting)
+        or _mains(main.line.found, band.bin_width, setting)
+        or _harmonic(main, band, setting, width),
+        other_order=0.0 if strongest is None else float(band.orders[strongest]),
+        other_depth=0.0 if strongest is None else float(band.depths[strongest]),
+        other_strength=0.0 if strongest is None else float(alone[strongest]),
     )
 
 
@@ -565,15 +503,15 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
         if shaft <= 2 * MATCH_BINS * width or multiple < 1 or off > width:
             continue
         name = f"{multiple} times the order {shaft:.4g} of a shaft"
-        slow = shaft <= _FAST_BINS * width
-        if slow or _LOAD_MULTIPLES < multiple <= _COMB:
+        slow = shaft <= APART_BINS * width
+        if slow or _LOAD_MULTIPLES < multiple <= SHAFT_MULTIPLES:
             # near a multiple of a slow shaft any line is, and the shaft that a race turns with spaces its sidebands:
             # only a comb that stands far away from it says more
             far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS and k % multiple]
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
                 return f"it is {name}, most of whose multiples stand out"
         exact = multiple == 1 or (off <= EXACT_BINS * width and setting.measured)
-        if exact and not slow and multiple <= _COMB:
+        if exact and not slow and multiple <= SHAFT_MULTIPLES:
             return f"it coincides with {name}"
     return ""
 
@@ -594,55 +532,20 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
     return found
 
 
-def _mains(order: float, others: _Others) -> str:
+def _mains(order: float, bin_width: float, setting: Setting) -> str:
     """Return of which harmonic of the mains a line is; empty if of none, or if lines are too wide to decide."""
-    setting = others.setting
-    width_hz = others.width * setting.speed_hz
-    for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * width_hz):
-        if multiple and mains > _CHANCE_WIDTHS * width_hz:
+    bin_hz = bin_width * setting.speed_hz
+    for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * MATCH_BINS * bin_hz):
+        if multiple and mains > APART_BINS * bin_hz:
             return f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains:g} Hz"
     return ""
 
 
-def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
-    """Return which other line explains a line, or an empty string.
-
-    The line may be a harmonic of one with at least half its depth, except for `own_multiple`, or a sideband of a deeper
-    one that is not its own harmonic. Of two lines spaced by a shaft, the one that is deeper together with its second
-    harmonic is the carrier.
-    """
-    whole = depth + others.deepest(2 * order)
-    for other, size in _about_as_deep(order, depth, others):
-        name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
-        # of the slowest lines one in four is a harmonic by chance
-        harmonic, near = round(other / order), others.width / MATCH_BINS
-        own = size <= RIVAL_FACTOR * depth and 1 < harmonic <= _CARRIED and abs(other - harmonic * order) <= near
-        for multiple in range(1, _MULTIPLES + 1):
-            if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
-                return f"it is {multiple} times {name}"
-            carrier = size >= depth and not own
-            sideband = _sideband(order, multiple * other, others) if carrier else None
-            if sideband is not None and (multiple > 1 or size + others.deepest(2 * other) >= whole):
-                side, spacing = sideband
-                of = f"{multiple} times " if multiple > 1 else ""
-                return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
+def _harmonic(main: MeasuredLine, band: BandEvidence, setting: Setting, width: float) -> str:
+    """Return of which line of a band with at least half its depth a line is a harmonic, or an empty string."""
+    rest = (band.depths >= main.depth / 2) & ~_of_shafts(band.orders, width, setting)
+    for multiple in range(2, _MULTIPLES + 1):
+        near = np.flatnonzero(rest & (np.abs(multiple * band.orders - main.line.found) <= width))
+        if near.size and (main.expected.kind, multiple) != ("rolling_element", 2):  # two races, struck unequally
+            return f"it is {multiple} times the line at {band.orders[near[0]]:.3f}, which it does not explain"
     return ""
-
-
-def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tuple[float, float]]:
-    """Return order and depth of the other lines with at least half the depth of one."""
-    apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
-    return zip(others.orders[apart], others.depths[apart], strict=True)
-
-
-def _sideband(order: float, carrier: float, others: _Others) -> tuple[float, float] | None:
-    """Return the number of the sideband of a carrier that a line is, and its spacing; None if it is none."""
-    spacings = np.array(others.spacings)
-    offsets = (order - carrier) / spacings
-    sides = np.round(offsets)
-    near = np.abs(offsets - sides) * spacings <= others.width
-    near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)
-    if not near.any():
-        return None
-    at = int(np.argmax(near))
-    return float(sides[at]), float(spacings[at])

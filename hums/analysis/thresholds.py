@@ -165,6 +165,19 @@ MATCH_BINS = 2.5
 Halved, harmonics of a slipping bearing are missed; doubled, accidents explain real lines.
 """
 
+APART_BINS = 20.0
+"""Bins between multiples of a line from which lines that fall on them do so for a reason.
+
+Within `MATCH_BINS` on either side, a quarter of all lines falls on multiples of a narrower spacing by chance. Halved,
+half of all lines; doubled, slow shafts explain none.
+"""
+
+SHAFT_MULTIPLES = 30
+"""Multiples of a shaft's order that impacts once per revolution cause. By reasoning alone.
+
+Halved, rattle is read as a race; doubled, a race is hidden by any shaft.
+"""
+
 STEADY_SPEED = 0.005
 """Largest change of speed, over its mean, at which lines of the mains are narrow in orders.
 

@@ -17,7 +17,7 @@ from scipy.signal.windows import blackmanharris
 from scipy.special import bdtrc
 
 from hums.analysis.evidence import Setting, mains_multiples
-from hums.analysis.thresholds import MATCH_BINS, STRANGE_FACTOR, UNEXPLAINED_RATIO
+from hums.analysis.thresholds import APART_BINS, MATCH_BINS, SHAFT_MULTIPLES, STRANGE_FACTOR, UNEXPLAINED_RATIO
 from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
@@ -25,11 +25,9 @@ from signals.spectra.spectra import AmplitudeSpectrum
 _FEWEST = 4  # members of a family: three multiples of one order among tens of lines happen by chance
 _CHANCE = 1e-3
 _LARGE = 20  # lines that are tried as multiples
-_WIDE_BINS = 20  # of a spacing: multiples of a narrower one are near to any line
 _MULTIPLES = 60  # of a spacing, up to the third mesh harmonic of a small gear
 _SAME = 1e-3  # relative: a spacing and a shaft's order are the same
 _PARTS = 5  # of a shaft's order: a family of its multiples may have some of them only
-_SHAFT_MULTIPLES = 30
 _PEAK_BINS = 0.2  # of a bin, to which the place of a line is known
 _SIDEBANDS = 8  # on either side of a mesh harmonic: run-out, pitch deviations, speed that wanders
 _MESH_HARMONICS = 12
@@ -161,7 +159,7 @@ def not_named(lines: Sequence[UnexplainedLine], found: Sequence[float], *, bin_w
     """
 
     def is_harmonic(order: float, of: float) -> bool:
-        if of <= _WIDE_BINS * bin_width:
+        if of <= APART_BINS * bin_width:
             return False
         multiple = max(1, round(order / of))
         reach = min((MATCH_BINS + _PEAK_BINS * multiple) * bin_width, of / 8)  # at most a quarter of all places
@@ -211,7 +209,7 @@ def distances(orders: Numbers, places: Numbers) -> Numbers:
 def locked_to_shafts(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]:
     """Return which orders lie within a width of a multiple of a shaft, or of a mesh harmonic or its sideband."""
     shafts = np.array([s for s in drawn.shafts if s > 0])
-    most = int(orders.max(initial=0.0) / max(shafts.max(initial=1.0), 1e-9)) + _SHAFT_MULTIPLES
+    most = int(orders.max(initial=0.0) / max(shafts.max(initial=1.0), 1e-9)) + SHAFT_MULTIPLES
     own = np.outer(shafts, np.arange(1, most + 1)).ravel()
     offsets = np.concatenate([[0.0], np.outer(shafts, np.arange(1, _SIDEBANDS + 1)).ravel()])
     offsets = np.unique(np.concatenate([offsets, -offsets]))
@@ -235,7 +233,7 @@ def _families(orders: Numbers, bin_width: float) -> Numbers:
     """
     spacings = np.full(orders.size, np.nan)
     tried = np.unique(np.outer(orders[:_LARGE], 1 / np.arange(1, _MULTIPLES + 1)))
-    tried = tried[tried > _WIDE_BINS * bin_width]
+    tried = tried[tried > APART_BINS * bin_width]
     free = np.ones(orders.size, dtype=bool)
     while tried.size:
         multiple = np.round(orders / tried[:, None])
@@ -282,7 +280,6 @@ def drawn_orders(rows: Sequence[DefectOrder], *, tolerance: float, slip: float) 
 # away from shafts.
 
 
-_OWN_HARMONICS = 6
 _SHAFT_HARMONICS = 4  # imbalance, misalignment, looseness, a coupling's jaws
 _PASSES = 12  # of a carrier: sidebands of planets that pass stand above their own mesh line
 _FEWEST_ORDERS = 5.0  # no gear has fewer teeth
@@ -315,14 +312,13 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     orders, sizes = peaks.position[selected], peaks.amplitude[selected]
     width = MATCH_BINS * spectrum.bin_width
 
-    def at(places: Numbers, relative: float = 0.0) -> NDArray[np.bool_]:
-        reach = np.maximum(width, np.maximum(relative, drawn.tolerance) * places)
-        near: NDArray[np.bool_] = (np.abs(orders[:, None] - places) <= reach).any(axis=1)
-        return near
+    def at(places: Numbers) -> NDArray[np.bool_]:
+        reach = np.maximum(width, drawn.tolerance * places)
+        return np.asarray((np.abs(orders[:, None] - places) <= reach).any(axis=1))
 
     shafts = at(np.outer(drawn.shafts, np.arange(1, _SHAFT_HARMONICS + 1)).ravel())
-    meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
-    own = at(np.concatenate([meshes, _high_harmonics(drawn, float(orders[-1])), _passes(drawn)]))
+    meshes = np.outer(drawn.meshes, np.arange(1, _MESH_HARMONICS + 1)).ravel()
+    own = at(np.concatenate([meshes, _passes(drawn)]))
     floor = float(np.median(peaks.background))
     others = ~own & ~shafts & (orders > _FEWEST_ORDERS) & ~on_mains(orders, setting, width)
     strange = np.flatnonzero(others & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
@@ -342,25 +338,13 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     )
 
 
-def _high_harmonics(drawn: Drawn, last: float) -> Numbers:
-    """Return the higher mesh harmonics, any of which a resonance may amplify.
-
-    Those of a mesh so slow that they are as dense as shaft lines are left out, and all if the speed is only nominal.
-    """
-    if drawn.tolerance:
-        return np.zeros(0)
-    fast = [mesh for mesh in drawn.meshes if mesh >= _FEWEST_ORDERS]
-    every = [mesh * np.arange(_OWN_HARMONICS + 1, int(last / mesh) + 2) for mesh in fast]
-    return np.concatenate([np.zeros(0), *every])
-
-
 def _passes(drawn: Drawn) -> Numbers:
     """Return the planet-pass sidebands, which may exceed their own mesh line.
 
     Of planets out of phase, the mesh line itself vanishes and only some sidebands remain (McFadden and Smith 1985).
     """
     sides = np.arange(-_PASSES, _PASSES + 1)
-    meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
+    meshes = np.outer(drawn.meshes, np.arange(1, _MESH_HARMONICS + 1)).ravel()
     carriers = sorted({carrier for _, carrier, _ in drawn.planets})
     return np.asarray(np.add.outer(meshes, np.outer(carriers, sides)).ravel())
 

@@ -101,9 +101,9 @@ ASSESSED = {
     "noise": ([line("inner_race", 5.4, 2.0)], ""),
     "0.002 once": ([line("inner_race", 5.4, 9.0, p=0.002)], None),
     "0.002 among ten": ([*[line("cage", 30 + n, 1.0) for n in range(9)], line("inner_race", 5.4, 9.0, p=0.002)], ""),
-    "cage of an inner race": ([*inner(60), line("cage", 0.4, 8.0)], "1 times the cage rate"),
-    "outer race of an inner race": ([*inner(60), line("outer_race", 3.6, 8.0)], "9 times the cage rate"),
-    "element of an inner race": ([*inner(60), line("rolling_element", 4.8, 8.0)], "12 times the cage rate"),
+    "cage of an inner race": ([*inner(60), line("cage", 0.4, 8.0)], "unequal elements modulate b inner race"),
+    "outer race of an inner race": ([*inner(60), line("outer_race", 3.6, 8.0)], "hidden by b inner race"),
+    "element of an inner race": ([*inner(60), line("rolling_element", 4.8, 8.0)], "hidden by b inner race"),
     "harmonic of an inner race": ([*inner(60), line("rolling_element", 10.8, 8.0)], "harmonic 2"),
     "sideband of an inner race": ([*inner(60), line("rolling_element", 7.4, 8.0)], "sideband +2"),
     "2.5 bins away": ([*inner(60), line("rolling_element", 4.825, 21.0)], None),
@@ -183,8 +183,8 @@ def shown_by(parts):
 
 
 INNER, OUTER, ELEMENT, CAGE = ("b", "inner_race"), ("b", "outer_race"), ("b", "rolling_element"), ("b", "cage")
-MAINS = replace(SETTING, speed_hz=100 / 3.6, speed_range_hz=0.0)  # an outer race at twice 50 Hz
 SLOW = Setting(shafts=(0.15, 1.0), speed_hz=17.0, speed_range_hz=1.0)
+MAINS = replace(SETTING, speed_hz=100 / 3.6, speed_range_hz=0.0)  # an outer race at twice 50 Hz
 BOTH = [*inner(12, 0, 9, level=100.0), *outer(11, level=100.0)]
 # lines, what else is given, the part, its verdict, and what is said of it
 JUDGED = {
@@ -195,8 +195,6 @@ JUDGED = {
     "no sideband": (inner(second=7), {}, INNER, "indicated", "no sidebands from passing the load zone"),
     "both races": ([*inner(10, 7), *outer(9, 0)], {}, OUTER, "indicated", "of similar size"),
     "both races, shallow": (BOTH, {}, INNER, "not judged", "the outer race is of similar size (11.0%)"),
-    "sideband of a deeper line": (inner(second=7), {"peaks": [(4.4, 0.9)]}, INNER, "not judged",
-        "sideband +1 x 1 of the line at 4.400"),
     "harmonic of a deeper line": (inner(second=7), {"peaks": [(2.7, 0.9)]}, INNER, "not judged",
         "2 times the line at 2.700"),
     "shallower line": (inner(second=7), {"peaks": [(4.4, 0.3)]}, INNER, "diagnosed", ""),
@@ -229,9 +227,6 @@ JUDGED = {
         "diagnosed", ""),
     "between two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.612)], {}, ("c", "outer_race"),
         "indicated", "the outer race of b, of order 3.612, may also produce this line"),
-    "multiple of another bearing": ([*outer(40, 20, at=3.603),
-        line("rolling_element", 18.015, 15.0, of="c", order=18.09)], {}, ("c", "rolling_element"), "not judged",
-        "5 times the line of outer race of b at 3.603"),
     "element that slips": ([*element(4.66), line("rolling_element", 5.06, 9.0, side=1)], {}, ELEMENT, "diagnosed",
         ""),
     "element faster than it rolls": ([*element(4.84), line("rolling_element", 5.24, 9.0, side=1)], {}, ELEMENT,
