@@ -13,7 +13,7 @@ to their order. Modes of a sound transfer path also delay lines, by up to `_PATH
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -45,7 +45,6 @@ _PATH_S = 0.002  # of delay by modes of the path: about 1 / (damping * 2 pi * fr
 _LATE = 0.01  # relative: how far a delay, or the clock, of a tachometer may move lines
 _MOST_SPEEDS = 20_000  # that are tried
 _SAME_SPEED = 0.005  # relative
-_BEARINGS_AT_MOST = math.log(1e4)  # by which bearings lift a rival: other machines have combs, too
 _HALF_BINS = 1.0  # half width of a line's window
 _FEWEST_BINS = 8.0  # of an order, below which harmonics of its family are not apart
 
@@ -146,13 +145,10 @@ def judged_declaration(
         """Return the evidence of shafts and meshes for this ratio of the true speed to the declared one."""
         return max(float(comb.of_lines(peaks, np.array([ratio]), spread)[0]) for peaks, _ in spectra)
 
-    def of_bearings(ratio: float) -> float:
-        return max(comb.of_bearings(bands, ratio) for _, bands in spectra)
-
-    bearings = of_bearings(1.0)
+    bearings = max(comb.of_bearings(bands, 1.0) for _, bands in spectra)
     declared = of_lines(1.0) + bearings
     nominal = machine.source.declared is not None
-    best, words = max(_likely_rivals(machine, of_lines, of_bearings, declared), default=(-math.inf, ""))
+    best, words = max((of_lines(ratio), words) for words, ratio in _rivals(machine))
     rival = min(best, best - declared)
     if not nominal and rival >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
@@ -191,16 +187,6 @@ def judged_declaration(
     explained = ratio is not None or spreading or rival >= CONFIRMED
     unseen, unsure = comb.unseen([peaks for peaks, _ in spectra], machine, spread)
     return Declaration(doubt=doubt, explained=explained, unseen=unseen, unsure=unsure)
-
-
-def _likely_rivals(
-    machine: Machine, of_lines: Callable[[float], float], of_bearings: Callable[[float], float], declared: float
-) -> Iterator[tuple[float, str]]:
-    """Yield the evidence of each alternative that bearings may raise above the declared one, with its description."""
-    for words, ratio in _rivals(machine):
-        lines = of_lines(ratio)
-        if lines > declared - _BEARINGS_AT_MOST:
-            yield lines + min(of_bearings(ratio), _BEARINGS_AT_MOST), words
 
 
 def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
