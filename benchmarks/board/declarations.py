@@ -108,6 +108,9 @@ def _of_bearings(machine: Machine) -> Iterator[tuple[str, Declared]]:
             for words, changed in [*changes, ("an element too many", {"elements": bearing.elements + 1})]:
                 made = [one.changed(multiples=None, **changed) if one is bearing else one for one in box.bearings]
                 yield words, (angle, box.changed(bearings=tuple(made)))
+            if machine.other_shaft:
+                made = [one.changed(inner_ring=machine.other_shaft) if one is bearing else one for one in box.bearings]
+                yield "bearing on another shaft", (angle, box.changed(bearings=tuple(made)))
 
 
 def _thicker(bearing: Any, more: float) -> dict[str, float]:  # noqa: ANN401

@@ -16,6 +16,7 @@ A line does not count for a part if another source explains it: a multiple of an
 the mains, or a multiple of a shaft, alone or in a comb.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -219,7 +220,15 @@ def bearing_evidence(
     ]
     parts = [replace(part, hidden_by=part.hidden_by or _carried(part, parts, bearings)) for part in parts]
     strange = _stranger(bands, parts, setting)
-    return [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
+    parts = [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
+    left = [_without_parts(band, parts, bearings) for band in bands]
+    moved = {component: _on_another_shaft(left, bearings[component], setting) for component, _ in families}
+    return [
+        replace(part, unsure_depth=moved[part.component][0], hidden_by=moved[part.component][1])
+        if part.strength == 0 and moved[part.component][0] > part.unsure_depth
+        else part
+        for part in parts
+    ]
 
 
 def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], setting: Setting) -> tuple[float, float]:
@@ -254,6 +263,45 @@ def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartE
         return part
     why = f"the line at {order:.3f}, which modulates by {depth:.0%}, belongs to no component; check the bearing"
     return replace(part, unsure_depth=depth, hidden_by=why)
+
+
+def _without_parts(
+    band: BandEvidence, parts: Sequence[PartEvidence], bearings: Mapping[str, BearingOrders]
+) -> BandEvidence:
+    """Return a band in which the lines of the parts that were found have no depth."""
+    known = np.zeros(band.orders.size, dtype=bool)
+    for part in parts:
+        if part.strength > 0 and not part.hidden_by:
+            spacings = _spacings(bearings[part.component], part.kind)
+            known |= _own(band.orders, part.found, spacings, MATCH_BINS * band.bin_width)
+    return replace(band, depths=np.where(known, 0.0, band.depths))
+
+
+def _on_another_shaft(
+    bands: Sequence[BandEvidence], bearing: BearingOrders, setting: Setting
+) -> tuple[float, str]:
+    """Return how deep a line is that a bearing would cause on another shaft, and what to check, or zero and nothing.
+
+    The line has a harmonic, is none of a deeper line, and no shaft explains it.
+    """
+    found = (0.0, "")
+    for kind, shaft in itertools.product(("inner_race", "outer_race", "rolling_element"), setting.shafts):
+        if math.isclose(shaft, abs(bearing.relative), rel_tol=_DRAWN):
+            continue
+        order = abs(getattr(bearing, kind) * shaft / bearing.relative)
+        for band in bands:
+            deep = (np.abs(band.orders / order - 1) <= _DRAWN) & (band.depths > max(found[0], FAULTY_DEPTH))
+            width = MATCH_BINS * band.bin_width
+            for place in np.flatnonzero(deep):
+                line, depth = float(band.orders[place]), float(band.depths[place])
+                multiples = np.round(line / band.orders)
+                carrier = (multiples > 1) & (multiples <= SHAFT_MULTIPLES) & (band.depths >= depth)
+                carrier &= (np.abs(line - multiples * band.orders) <= width) & ~_of_shafts(band.orders, width, setting)
+                harmonic = (np.abs(band.orders - 2 * line) <= width).any()
+                if harmonic and not carrier.any() and not _comb_of_a_shaft(line, depth, band, setting):
+                    of = f"the line at {line:.3f}, which modulates by {depth:.0%}, would be {kind.replace('_', ' ')}"
+                    found = (depth, f"{of} on the shaft of order {shaft:.4g}; check on which shaft the bearing sits")
+    return found
 
 
 def _sibling_depths(

@@ -204,6 +204,29 @@ class TestImplausibleTachometer:
             analyze(self.record(40.0), load_gearbox("two-stage"), settings=settings)
 
 
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_bearing_declared_on_another_shaft_is_not_called_sound(damaged):
+    """The outer race of "input bearing", struck as on the intermediate shaft, where the drawing has it not."""
+    rate_hz, seconds, rng = 25_000.0, 20.0, np.random.default_rng(3)
+    pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1)
+    turned = 2 * np.pi * SPEED_HZ * np.arange(round(seconds * rate_hz)) / rate_hz
+    values = np.sum([np.cos(order * turned + order) for order in (1, 23, 46, 23 * 19 / 67)], axis=0)
+    values += rng.standard_normal(values.size)
+    if damaged:
+        impacts_hz = 3.555 * 23 / 67 * SPEED_HZ
+        times_s = np.cumsum(1 + 0.01 * rng.standard_normal(round(0.97 * impacts_hz * seconds))) / impacts_hz
+        ring = np.exp(-np.arange(200) / 40) * np.sin(2 * np.pi * 6000 * np.arange(200) / rate_hz)
+        struck = np.bincount((times_s * rate_hz).astype(int), minlength=values.size)[: values.size]
+        values += 10 * np.convolve(struck, ring)[: values.size]
+    record = make_record({"a": values}, units="g", rate_hz=rate_hz, angle=pulses)
+    analysis = analyze(record, load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0))
+    said = verdict_table(analysis).query("component == 'input bearing'").set_index("kind")
+    assert (said["verdict"] == "nothing found").all() != damaged
+    if damaged:
+        assert set(said["verdict"]) == {"not judged"}
+        assert "would be outer race on the shaft of order 0.3433" in said.loc["inner_race", "doubts"]
+
+
 @pytest.mark.parametrize(("cut_hz", "judged"), [(3000.0, True), (500.0, False)])
 def test_what_a_low_pass_filter_removes_is_not_called_inspected(cut_hz, judged):
     rate_hz, rng = 25_000.0, np.random.default_rng(2)
