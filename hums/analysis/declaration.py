@@ -13,8 +13,8 @@ to their order. Modes of a sound transfer path also delay lines, by up to `_PATH
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,8 @@ _LATE = 0.01  # relative: how far a delay, or the clock, of a tachometer may mov
 _MOST_SPEEDS = 20_000  # that are tried
 _SAME_SPEED = 0.005  # relative
 _HALF_BINS = 1.0  # half width of a line's window
+_TEETH = 3  # by which a tooth number may be wrong
+_MULTIPLES = 10  # of a shaft that a damaged tooth shows
 _FEWEST_BINS = 8.0  # of an order, below which harmonics of its family are not apart
 
 Numbers = NDArray[np.float64]
@@ -70,6 +72,8 @@ class Declaration:
     """Meshes of which no line stands out, and what to check."""
     unsure: tuple[str, ...] = ()
     """Gears of these meshes, and gears and bearings on their shafts, whose rotation no other line shows."""
+    misdrawn: Mapping[str, str] = field(default_factory=dict)
+    """Gear and bearings of a shaft that turns as with another tooth number, and what shows that."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +190,8 @@ def judged_declaration(
         )
     explained = ratio is not None or spreading or rival >= CONFIRMED
     unseen, unsure = comb.unseen([peaks for peaks, _ in spectra], machine, spread)
-    return Declaration(doubt=doubt, explained=explained, unseen=unseen, unsure=unsure)
+    misdrawn = comb.misdrawn([one for peaks, bands in spectra for one in (peaks, *bands)], machine, spread)
+    return Declaration(doubt=doubt, explained=explained, unseen=unseen, unsure=unsure, misdrawn=misdrawn)
 
 
 def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
@@ -217,6 +222,10 @@ def _late_words(machine: Machine, ratio: float) -> str:
         return words + clock
     which = "late" if late_s > 0 else "early"
     return f"{words}a tachometer that is {1000 * abs(late_s):.2g} ms {which} relative to the channel, or {clock}"
+
+
+def _around(teeth: int) -> list[int]:
+    return [teeth + more for more in range(-_TEETH, _TEETH + 1) if more and teeth + more > 0]
 
 
 class _Comb:
@@ -276,6 +285,41 @@ class _Comb:
         names = ", ".join(f'"{name}" ({order:.5g} orders)' for name, order in missing.items())
         words = f"no line of mesh {names} stands out: check the tooth numbers, or measure closer to it"
         return words if missing else "", tuple(sorted(unsure | on_them.keys()))
+
+    def misdrawn(self, spectra: Sequence[_Peaks], machine: Machine, spread: float) -> dict[str, str]:
+        """Return the gear and the bearings of a shaft that turns as with another tooth number, and what shows that.
+
+        The order of the last shaft of a train moves no mesh. Its lines in spectra and envelopes are compared with those
+        of `_TEETH` teeth more or fewer, where these coincide with no other lines of the drawing.
+        """
+        rows, multiples = machine.defect_orders, np.arange(1.0, 1 + _MULTIPLES)
+        meshes = {row.component: row.order for row in rows if row.kind == "gear_mesh"}
+        drawn = np.outer([*self.shafts, *meshes.values()], np.arange(1, 1 + 3 * _MULTIPLES)).ravel()
+
+        def shown(order: float, others: Numbers) -> float:
+            lines, found = order * multiples, [-math.inf]
+            for peaks in spectra:
+                half = peaks.half(lines, spread)
+                used = (np.abs(lines[:, None] - others) > 2 * half[:, None]).all(axis=1) & (lines < peaks.end)
+                if order >= _FEWEST_BINS * peaks.bin_width and used.any():
+                    found.append(float(peaks.log_evidence(lines[used], half[used], np.full(used.sum(), 0.5))))
+            return max(found)
+
+        turning = {row.component: row.order for row in rows if row.kind == "tooth"}
+        for component, order in turning.items():
+            gears = np.isclose(order, [*turning.values()]).sum()
+            if gears > 1 or np.isclose(order * machine.ratio, 1) or not np.isclose(order, self.shafts).any():
+                continue
+            teeth = round(meshes[component.rpartition("/")[0]] / order)
+            near = [teeth + more for more in range(-_TEETH, _TEETH + 1) if more and teeth + more > 0]
+            most, z = max((shown(order * teeth / one, drawn), one) for one in near)
+            own = shown(order, drawn[~np.isclose(drawn / order, np.round(drawn / order))])
+            if most - math.log(len(near)) >= CONFIRMED and most - own >= CONTRADICTED:
+                words = f'as if "{component}" had {z} teeth in place of {teeth}: check its tooth number'
+                beside = [one.name for one in machine.bearings if np.isclose(abs(one.relative), order)]
+                at = f"lines stand at multiples of {order * teeth / z:.5g} orders, "
+                return dict.fromkeys((component, *beside), at + words)
+        return {}
 
     def of_bearings(self, bands: Sequence[_Peaks], ratio: float) -> float:
         """Return the logarithm of the evidence of a damaged bearing in any one of the envelopes."""

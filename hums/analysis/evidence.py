@@ -277,9 +277,7 @@ def _without_parts(
     return replace(band, depths=np.where(known, 0.0, band.depths))
 
 
-def _on_another_shaft(
-    bands: Sequence[BandEvidence], bearing: BearingOrders, setting: Setting
-) -> tuple[float, str]:
+def _on_another_shaft(bands: Sequence[BandEvidence], bearing: BearingOrders, setting: Setting) -> tuple[float, str]:
     """Return how deep a line is that a bearing would cause on another shaft, and what to check, or zero and nothing.
 
     The line has a harmonic, is none of a deeper line, and no shaft explains it.

@@ -51,7 +51,7 @@ from hums.analysis.tracks import (
     track_lines,
 )
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
-from hums.analysis.verdicts import CONTRADICTION, DOUBT, UNSURE, evidence_groups, verdicts_from
+from hums.analysis.verdicts import CONTRADICTION, DOUBT, MISDRAWN, UNSURE, evidence_groups, verdicts_from
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
 from hums.records.channels import is_average
@@ -168,6 +168,7 @@ def analyze(
             attrs=root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
             | {CONTRADICTION: declaration.contradiction, DOUBT: declaration.doubt}
             | {UNSURE: json.dumps(dict.fromkeys(declaration.unsure, declaration.unseen))}
+            | {MISDRAWN: json.dumps(declaration.misdrawn)}
         ),
         "/speed": no_speed(machine) if average else _speeds(there),
         "/health": rows_dataset(_sensor_conditions(there, channels), SensorCondition, dim="item"),
@@ -394,7 +395,12 @@ def _notes(
     return [
         *(
             one[0].upper() + one[1:] + "."
-            for one in (declaration.contradiction, declaration.doubt, declaration.unseen)
+            for one in (
+                declaration.contradiction,
+                declaration.doubt,
+                declaration.unseen,
+                *set(declaration.misdrawn.values()),
+            )
             if one
         ),
         *([declaration.note] if declaration.note else []),

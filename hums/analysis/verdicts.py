@@ -52,6 +52,7 @@ EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured
 # attributes of the root: what contradicts the declared angle, and why it is not sure; empty where nothing does
 CONTRADICTION, DOUBT = "declaration_contradiction", "declaration_doubt"
 UNSURE = "declaration_unsure_json"  # components whose rotation no line confirms, and why
+MISDRAWN = "declaration_misdrawn_json"  # components whose rotation lines contradict, and how
 _LIBRARY = "library_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line
 _SHAFT_KIND = "shaft"
@@ -197,11 +198,12 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         why = "speed: the tachometer is faulty, so that no order is reliable"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
     whys, doubt = json.loads(attrs.get(UNSURE, "{}")), str(attrs[DOUBT])
-    whys |= dict.fromkeys((one.component for one in judged), doubt) if doubt else {}
+    misdrawn = json.loads(attrs.get(MISDRAWN, "{}"))
+    whys |= misdrawn | (dict.fromkeys((one.component for one in judged), doubt) if doubt else {})
     change = "judged with a speed and drawing whose lines the record shows"
     return [
         judging_nothing(one, whys[one.component], change)
-        if one.verdict == NOTHING_FOUND and one.component in whys
+        if one.component in (whys if one.verdict == NOTHING_FOUND else misdrawn) and one.kind != _SHAFT_KIND
         else one
         for one in judged
     ]
