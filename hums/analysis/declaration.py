@@ -301,7 +301,7 @@ class _Comb:
             for peaks in spectra:
                 half = peaks.half(lines, spread)
                 used = (np.abs(lines[:, None] - others) > 2 * half[:, None]).all(axis=1) & (lines < peaks.end)
-                if order >= _FEWEST_BINS * peaks.bin_width and used.any():
+                if order >= _FEWEST_BINS * peaks.bin_width and 2 * used.sum() >= _MULTIPLES:
                     found.append(float(peaks.log_evidence(lines[used], half[used], np.full(used.sum(), 0.5))))
             return max(found)
 
