@@ -127,7 +127,7 @@ class LineAssessor:
         if stronger.expected.kind in {"shaft", "cage"} or _is_comb(stronger):
             # where the speed was measured, the shaft's order is exact, and that of its line is not
             base = (base if stronger.expected.tolerance else stronger.expected.order) / stronger.expected.harmonic
-            multiple = round(weaker.line.found / base)
+            multiple = round(weaker.line.found / base) if base > 0 else 0  # a slow cage may be found at 0
             # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
             # own shaft's order, so that only the searched harmonics explain them.
             impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
