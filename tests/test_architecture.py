@@ -131,7 +131,7 @@ ALLOWANCES = {
         "when sources are reduced",
     ),
     "data_synth/fidelity, data_synth/vibration": (
-        123,
+        126,
         "kinematic faults by their response, free vibration, truth by instants, for code removed in integrators, gears",
         "when what auto estimates is reduced",
     ),

@@ -268,7 +268,7 @@ def truth_instants(scene: Scene, drive: Drive) -> Array:
     fastest = max(map(abs, turning_ratios(scene).values()))
     parts = np.minimum(np.abs(last_hz - first_hz) / (_LITTLE * slow_hz), np.floor(_MOST_PER_REV * fastest * turned))
     if ramps and varies:
-        parts = np.maximum(parts, _FEWEST * turned / np.sum(turned))
+        parts = np.maximum(parts, min(_FEWEST, scene.truth_times - 1) * turned / np.sum(turned))
     counts = np.maximum(np.ceil(parts - _ROUNDING), 1).astype(int)
     numbers = np.repeat(np.arange(counts.size), counts)
     shares = np.concatenate([np.arange(count) / count for count in counts.tolist()])

@@ -28,13 +28,14 @@ _BETA = 2.0 * _SPREAD
 _DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 16  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
 _RISE, _RISE_OF_CONSTANTS = 0.06, 0.05  # of an interval, and of a record, in which the weight rises from zero to one
-_APART, _NEARER, _APART_OF_CONSTANTS = 0.5, 0.4, 0.25
+_APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.5, 0.25
 """Least distance of a line from order zero and from every stronger line: in cycles per mean interval, the same where
-this leaves too much and more lines are admitted, and in cycles per record for constant amplitudes. Closer lines of
-constant amplitude are resolved, but splines at as many orders would have more coefficients than there are samples."""
-_ENOUGH, _GAIN = 5e-4, 0.9
-"""Share of the power left below which intervals are not shortened; and times as much left: a step that leaves more is
-the last."""
+this leaves too much, and in cycles per record for constant amplitudes. The amplitudes of nearer lines are uncertain,
+since they can share what is at their orders. Closer lines of constant amplitude are resolved, but splines at as many
+orders would have more coefficients than there are samples."""
+_ENOUGH, _ENOUGH_APART, _GAIN = 5e-4, 1e-3, 0.9
+"""Share of the power left below which intervals are not shortened, and below which no nearer lines are admitted; and
+times as much left: a step that leaves more is the last."""
 _UNKNOWNS = 0.65  # coefficients per sample, at most: with more, splines would fit any signal
 _LEFT_OUT = 1e-4  # of the power of all lines: total of the weakest
 _SHORTEST = 0.25  # of the mean interval: shorter ones need not be resolved by the transform of a line
@@ -104,19 +105,24 @@ def projection(
     places, halvings = np.flatnonzero(orders < spectrum.top_order), (finest // _FEWEST or 1).bit_length() - 1
     ladder = [finest >> number for number in range(halvings, -1, -1)]
     fitted = partial(_fitted, spectrum, at_rev=at_rev, most=most)
-    best = fitted(orders[places], ladder[0])
-    for intervals in ladder[1:]:
-        if np.max(best.left) < _ENOUGH or best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
-            break
-        found = fitted(orders[places], intervals)
-        former, best = best, min(best, found, key=_total_left)
-        if _total_left(found) > _GAIN * _total_left(former):
-            break
+
+    def halved(apart: float) -> Projection:
+        best = fitted(orders[places], ladder[0], apart=apart)
+        for intervals in ladder[1:]:
+            if np.max(best.left) < _ENOUGH or best.chosen.size * intervals > _UNKNOWNS * revolutions.size:
+                break
+            found = fitted(orders[places], intervals, apart=apart)
+            former, best = best, min(best, found, key=_total_left)
+            if _total_left(found) > _GAIN * _total_left(former):
+                break
+        return best
+
+    best = halved(_APART)
+    if not steady and np.max(best.left) > _ENOUGH_APART:
+        best = min(best, halved(_NEARER), key=_total_left)
     if 0 < best.chosen.size == most:  # the lines left out had taken parts of those
-        found = fitted(orders[places[best.chosen]], best.intervals)
+        found = fitted(orders[places[best.chosen]], best.intervals, apart=_NEARER)
         best = min(best, replace(found, chosen=best.chosen[found.chosen]), key=_total_left)
-    elif not steady and np.max(best.left) > _ENOUGH:
-        best = min(best, fitted(orders[places], best.intervals, apart=_NEARER), key=_total_left)
     from_zero = np.exp(-2j * np.pi * np.remainder(orders[places[best.chosen]] * revolutions[0], 1.0))
     return replace(best, chosen=places[best.chosen], amplitudes=best.amplitudes * from_zero[:, None])
 
@@ -126,7 +132,7 @@ def _total_left(found: Projection) -> float:
 
 
 def _fitted(
-    spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None, apart: float = _APART
+    spectrum: "_Spectrum", orders: Array, intervals: int, *, at_rev: Array, most: int | None, apart: float
 ) -> Projection:
     """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
     spectrum = replace(spectrum, intervals=intervals)
