@@ -28,7 +28,7 @@ _BETA = 2.0 * _SPREAD
 _DEGREE, _FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 16  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
 _RISE, _RISE_OF_CONSTANTS = 0.06, 0.05  # of an interval, and of a record, in which the weight rises from zero to one
-_APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.5, 0.25
+_APART, _NEARER, _APART_OF_CONSTANTS = 1.0, 0.4, 0.25
 """Least distance of a line from order zero and from every stronger line: in cycles per mean interval, the same where
 this leaves too much, and in cycles per record for constant amplitudes. The amplitudes of nearer lines are uncertain,
 since they can share what is at their orders. Closer lines of constant amplitude are resolved, but splines at as many
