@@ -175,7 +175,7 @@ half of all lines; doubled, slow shafts explain none.
 SHAFT_MULTIPLES = 30
 """Multiples of a shaft's order that impacts once per revolution cause. By reasoning alone.
 
-Halved, rattle is read as a race; doubled, a race is hidden by any shaft.
+Halved, rattle is taken for a damaged race; doubled, multiples of almost any shaft hide damaged races.
 """
 
 STEADY_SPEED = 0.005

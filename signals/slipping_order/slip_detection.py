@@ -36,13 +36,14 @@ class SlipRecord:
     x: Floats  # (n,)
     model: HarmonicModel  # of the harmonics of the order, equally wide, about the angle
     largest_slip: float  # relative to the order
-    slip_change: float  # standard deviation of the slip's change in a revolution
+    slip_change: float  # standard deviation of the change of the slip over one revolution
     every: int | None = None  # samples from output to output
 
     @property
     def steady_rev(self) -> float:
         """Revolutions over which the random walk of the slip turns the highest harmonic by a radian."""
-        # A random walk of variance v a revolution turns by an angle of variance (2 pi order)^2 v m^3 / 3 in m of them.
+        # A random walk whose variance grows by v per revolution turns the line, in m revolutions, by an angle of
+        # variance (2 pi order)^2 v m^3 / 3.
         return float((np.sqrt(3) / (2 * pi * self.model.orders[-1] * self.slip_change)) ** (2 / 3))
 
     @cached_property
@@ -62,8 +63,8 @@ class SlipRecord:
 
         (block + 1,) first samples and one past the last, (block,) middle samples, (output,) blocks with an output.
         """
-        n, turn = self.x.size, self.model.orders[-1] * self.largest_slip  # in a revolution
-        most_rev = min(_SLIP_BLOCK * self.steady_rev, _TURN_OF_BLOCK / turn)
+        n, turns = self.x.size, self.model.orders[-1] * self.largest_slip  # per revolution, due to slip
+        most_rev = min(_SLIP_BLOCK * self.steady_rev, _TURN_OF_BLOCK / turns)
         longest = max(1, int(min(_BLOCK / float(self.model.bandwidth.max()), most_rev * self.per_rev)))
         longest -= (longest + 1) % 2 if longest > 1 else 0  # an odd number of samples has a middle one
         every = min(self.every or longest, n)
