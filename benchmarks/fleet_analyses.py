@@ -15,8 +15,7 @@ from data_synth.plan import parse_plan
 from data_synth.scene.machine_history import History
 from hums import open_dataset
 from hums.fleet.fleet_analysis import analyze_fleet
-from hums.fleet.observation import observation
-from hums.fleet.result_files import read_row
+from hums.fleet.result_files import read_results
 from hums.fleet.series import Series, vector
 from hums.jobs import Processes, Serial
 
@@ -120,7 +119,7 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     make_dataset(parse_plan(text), folder / "set", workers=run)
     analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=run)
     names, labels = json.loads((folder / "fleet/records.json").read_text()).values(), open_dataset(folder / "set")
-    seen = [observation(read_row(folder / "fleet" / "records" / name)) for name in names]
+    seen = read_results(folder / "fleet" / "records" / name for name in names)
     kinds = labels["class"].to_numpy().astype(np.str_)
     every = tuple(sorted(set().union(*(one.values.keys for one in seen))))
     values = np.array([vector(one.values, every) for one in seen])

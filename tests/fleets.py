@@ -59,7 +59,6 @@ def kept(seen, *, growth=1.0):
     """The results of an observation's record; its lines grow."""
     return StoredRecord(
         **vars(seen),
-        speed_hz=20.0,
         lines=Numbers(keys=LINES, values=np.array([[growth * x, 2, 1] for x in (0.1, 0.3, 0.2) * 2], dtype=np.float32)),
         orders=np.array([23.0, 46.0, 69.0] * 2),
         indicators=valued({}),

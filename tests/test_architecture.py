@@ -81,7 +81,7 @@ BUDGETS = """
     hums (root)                                                 830    755    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
-    hums/fleet                                                 2161   1641   1300
+    hums/fleet                                                 2161   1590   1300
     hums/gearbox                                               3541   3431   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000

@@ -21,7 +21,7 @@ from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.fleet.fleet_page import write_page
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import order_key
+from hums.fleet.observation import NOT_ANALYSED, order_key
 from hums.fleet.result_files import read_results, results, write_row
 from hums.fleet.table import write_tables
 from hums.fleet.watched_machines import (
@@ -114,7 +114,7 @@ class _Source:
     @property
     def facts(self) -> dict[str, str]:
         """Its name and class, of a row."""
-        return {"record": self.name, "class": self.label}
+        return {"record": self.name, "label": self.label}
 
     @property
     def whole_name(self) -> str:
@@ -244,7 +244,7 @@ def analyze_fleet(
 
 FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5")
 """What `analyze_fleet` writes for its readers into the folder."""
-_INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/3"
+_INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/4"
 
 
 def _tables(
@@ -342,7 +342,7 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
         "available. Copy it again from its source, or run again."
     )
     folder.mkdir(exist_ok=True)
-    write_row(source.facts | {"machine": "", "recorded_at": "", "error": sentence}, folder / path.name)
+    write_row(source.facts | {"machine": "", "error": sentence, "unjudged": NOT_ANALYSED}, folder / path.name)
 
 
 def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:
@@ -357,7 +357,7 @@ def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[
             return facts | results(analyze(record, gearbox, settings=settings))
     except Exception as error:  # noqa: BLE001 - whatever is wrong with one record, the others are to be analysed
         sentence = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
-        return facts | {"error": sentence or type(error).__name__}
+        return facts | {"error": sentence or type(error).__name__, "unjudged": NOT_ANALYSED}
 
 
 def _opened(source: _Source) -> xr.Dataset:

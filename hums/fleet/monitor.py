@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, RAISED, SEVERE, Alarm
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
-from hums.fleet.observation import Observation, seconds_since_1970
+from hums.fleet.observation import NOT_ANALYSED, Observation, seconds_since_1970
 from hums.fleet.series import (
     WHOLE_SIGNAL,
     Series,
@@ -359,7 +359,7 @@ class _Shown(NamedTuple):
 
 def _of_sensors(state: MachineState, seen: Observation) -> dict[str, _Shown]:
     """Return what a record shows of each sensor that is or was faulty; its index is 1 while it is."""
-    if seen.unjudged == "not analysed":
+    if seen.unjudged == NOT_ANALYSED:
         return {}
     sensors = {name[len("sensor ") : -len(_HEALTH)] for name in state.alarms if name.endswith(_HEALTH)}
     return {

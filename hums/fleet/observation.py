@@ -2,15 +2,17 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.series import NOTHING, Numbers, joint_names, series_of
+from hums.fleet.series import NOTHING, Numbers
+
+NOT_ANALYSED = "not analysed"  # why a record without results is not judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +33,7 @@ class Observation:
         Reason for each faulty sensor or tachometer.
     unjudged : str
         Reason why the record is not judged, or empty.
-    diagnosed : tuple of str
+    diagnosed : sequence of str
         Components that the record's own verdicts diagnose as damaged.
     """
 
@@ -43,7 +45,7 @@ class Observation:
     covariates: Mapping[str, float] = field(default_factory=dict)
     faulty: Mapping[str, str] = field(default_factory=dict)
     unjudged: str = ""
-    diagnosed: tuple[str, ...] = ()
+    diagnosed: Sequence[str] = ()
 
     @property
     def when(self) -> str:
@@ -52,24 +54,8 @@ class Observation:
 
 
 def observation(row: Mapping[str, Any]) -> Observation:
-    """Return the observation in the results of one record, as `hums.fleet.fleet_analysis` stores them."""
-    faulty = {name: reasons for name, _, status, reasons in row.get("health", ()) if status == "faulty"}
-    tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in faulty]
-    unjudged = "not analysed" if row["error"] else "faulty tachometer" if tachometers else ""
-    when, findings = row["recorded_at"], row.get("findings", ())
-    speed, diagnosed = row.get("speed_hz", math.nan), {name for name, _, word, *_ in findings if word == "diagnosed"}
-    joint = joint_names(row) if diagnosed else {}
-    return Observation(
-        machine=row["machine"],
-        record=row["record"],
-        recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
-        regime=row.get("regime", ""),
-        values=NOTHING if unjudged else series_of(row, without=faulty),
-        covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
-        faulty=faulty,
-        unjudged=unjudged,
-        diagnosed=() if unjudged else tuple(sorted({joint.get(name, name) for name in diagnosed})),
-    )
+    """Return what is monitored of the results of a record with its names."""
+    return Observation(**{one.name: row[one.name] for one in fields(Observation)})
 
 
 def seconds_since_1970(when: str) -> float:

@@ -8,7 +8,7 @@ import gzip
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,23 +17,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.findings import NOT_JUDGED, not_judged_words
+from hums.analysis.findings import DIAGNOSED, NOT_JUDGED, not_judged_words
 from hums.analysis.result import Analysis, group
-from hums.fleet.observation import Observation, observation
-from hums.fleet.series import CONDITION, INDICATOR, LINE, NOTHING, Keys, Numbers, named, shared
+from hums.fleet.observation import Observation
+from hums.fleet.series import (
+    CONDITION,
+    INDICATOR,
+    LINE,
+    NOTHING,
+    Keys,
+    Numbers,
+    Series,
+    joint_names,
+    named,
+    series_of,
+    shared,
+)
 from hums.records.outputs import atomic_write
 from signals._validation import plain_text
 
-_NUMBERS = ("lines", "indicators")  # of a row
+_NUMBERS = ("values", "lines", "indicators")  # of a row
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
-_FINDING = ("component", "kind", "verdict", "channel", "evidence")
+_FINDING = ("component", "kind", "verdict")
 _HEALTH = ("name", "sensor", "status", "reasons")
 _LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_units")
 _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
+_NO_LINES = named((), len(LINE), len(_MEASURED) - 1)
 
 
 def results(analysis: Analysis) -> dict[str, Any]:
-    """Return speed, measured quantities, findings, unjudged components and sensors as JSON types, and the numbers.
+    """Return what is monitored of a record, and its findings, unjudged components, lines and indicators.
 
     ``lines`` are `Numbers` under `LINE`: order, amplitude, ratio to the background, and 1 if identified; ``indicators``
     those under `INDICATOR`: the value.
@@ -42,27 +55,33 @@ def results(analysis: Analysis) -> dict[str, Any]:
     words = ("verdict", "doubts", *CONDITION)
     rows = [*_rows(analysis, "findings", words), *_rows(analysis, "verdicts", words)]
     verdicts = [dict(zip(words, row, strict=True)) for row in rows]
-    return {
-        "error": "",
-        "speed_hz": speed.size / float((1 / speed).sum()) if speed.size else math.nan,
+    found = _rows(analysis, "findings", _FINDING)
+    lines = [
+        [channel, name, *line, int(claimed)]
+        for name in (ORDER_SPECTRUM, ENVELOPE)
+        for channel, *line, claimed in _rows(analysis, name, (*_LINE, *_MEASURED))
+    ]
+    indicators = [row for row in _rows(analysis, "indicators", _INDICATOR) if math.isfinite(row[-1])]
+    measured = {
+        "lines": named(lines, len(LINE), len(_MEASURED)),
+        "indicators": named(indicators, len(INDICATOR), 1),
+    }
+    sensors = [row for row in _rows(analysis, "health", _HEALTH) if row[2] == "faulty"]
+    faulty, joint = {name: reasons for name, _, _, reasons in sensors}, joint_names(measured["lines"])
+    judged = all(sensor != "tachometer" for _, sensor, *_ in sensors)
+    diagnosed = {joint.get(name, name) for name, _, word in found if word == DIAGNOSED}
+    return measured | {
         "regime": analysis.attrs.get("regime", ""),
-        "covariates": json.loads(analysis.attrs.get("measured_json", "{}")),
-        "lines": named(
-            (
-                [channel, name, *line, int(claimed)]
-                for name in (ORDER_SPECTRUM, ENVELOPE)
-                for channel, *line, claimed in _rows(analysis, name, (*_LINE, *_MEASURED))
-            ),
-            len(LINE),
-            len(_MEASURED),
-        ),
-        "indicators": named(
-            (row for row in _rows(analysis, "indicators", _INDICATOR) if math.isfinite(row[-1])), len(INDICATOR), 1
-        ),
-        "findings": _rows(analysis, "findings", _FINDING),
+        "values": series_of(**measured, without=faulty) if judged else NOTHING,
+        "covariates": {"speed_hz": speed.size / float((1 / speed).sum())}
+        if speed.size
+        else {} | json.loads(analysis.attrs.get("measured_json", "{}")),
+        "faulty": faulty,
+        "unjudged": "" if judged else "faulty tachometer",
+        "diagnosed": sorted(diagnosed) if judged else [],
+        "findings": found,
         "not_judged": [[row[name] for name in CONDITION] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),
-        "health": _rows(analysis, "health", _HEALTH),
     }
 
 
@@ -86,10 +105,9 @@ class StoredRecord(Observation):
     """
 
     error: str = ""
-    speed_hz: float = np.nan
-    lines: Numbers
-    orders: NDArray[np.float64]
-    indicators: Numbers
+    lines: Numbers = _NO_LINES
+    orders: NDArray[np.float64] = field(default_factory=NOTHING.values.copy)
+    indicators: Numbers = NOTHING
     findings: tuple[tuple[str, str, str], ...] = ()
     label: str = ""
     not_judged: tuple[tuple[str, str], ...] = ()
@@ -121,13 +139,14 @@ def read_row(path: Path) -> dict[str, Any]:
     row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
     for name in (one for one in _NUMBERS if one in row):
         names, shape, text = row[name]
-        row[name] = Numbers(keys=_keys(names), values=np.frombuffer(base64.b64decode(text), dtype="<f8").reshape(shape))
-    return row
+        values = np.frombuffer(base64.b64decode(text), dtype="<f8").reshape(shape)
+        row[name] = Numbers(keys=_keys(names, name == "values"), values=values)
+    return row | {name: shared(tuple(map(tuple, row[name]))) for name in ("findings", "not_judged") if name in row}
 
 
 @lru_cache(maxsize=4096)
-def _keys(names: str) -> Keys:
-    return shared(tuple(map(tuple, json.loads(names))))
+def _keys(names: str, of_series: bool) -> Keys:
+    return shared(tuple(map(Series._make if of_series else tuple, json.loads(names))))
 
 
 def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
@@ -135,22 +154,12 @@ def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
 
     Memory holds 8 bytes per monitored number and 4 per other number, and each set of names once.
     """
-    orders: dict[int, NDArray[np.float64]] = {}
-    return [_stored(path, orders) for path in paths]
-
-
-def _stored(path: Path, orders: dict[int, NDArray[np.float64]]) -> StoredRecord:
-    row = read_row(path)
-    lines, indicators = (row.get(name, NOTHING) for name in _NUMBERS)
-    return StoredRecord(
-        **vars(observation(row)),
-        error=row["error"],
-        speed_hz=row.get("speed_hz", np.nan),
-        lines=Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32)),
-        orders=orders.setdefault(id(lines.keys), lines.values[:, 0].copy()),
-        indicators=Numbers(keys=indicators.keys, values=indicators.values[:, 0].astype(np.float32)),
-        findings=tuple((component, kind, word) for component, kind, word, *_ in row.get("findings", ())),
-        label=row.get("class", ""),
-        not_judged=shared(tuple(map(tuple, row.get("not_judged", ())))),
-        parts_not_judged=row.get("parts_not_judged", ""),
-    )
+    found, orders = [], dict[int, NDArray[np.float64]]()
+    for path in paths:
+        row = read_row(path)
+        if lines := row.get("lines"):
+            row["orders"] = orders.setdefault(id(lines.keys), lines.values[:, 0].copy())
+            row["lines"] = Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32))
+            row["indicators"] = replace(row["indicators"], values=row["indicators"].values[:, 0].astype(np.float32))
+        found.append(StoredRecord(**row))
+    return found

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,7 +50,7 @@ class Numbers:
     values: NDArray[Any]
 
 
-NOTHING = Numbers(keys=shared(()), values=np.zeros((0, 4)))  # of a record without lines or indicators
+NOTHING = Numbers(keys=shared(()), values=np.zeros(0))  # of a record that is not analysed
 
 
 def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
@@ -83,77 +82,27 @@ class Series(NamedTuple):
         return 2 if self.unit.endswith("2") and not self.unit.endswith("-2") else 1
 
 
-def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Numbers:
-    """Return the logarithms of the positive indicators and lines of one record's results, `without` some channels.
+def series_of(indicators: Numbers, lines: Numbers, *, without: Collection[str] = ()) -> Numbers:
+    """Return the logarithms of the positive indicators and lines of one record, `without` some channels.
 
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
     and of their ratios to the background. Bearings whose lines have the same orders are one component.
     """
-    indicators, lines = (row.get(name, NOTHING) for name in ("indicators", "lines"))
-    joint = tuple(sorted(joint_names(row).items()))
-    plan = _plan(indicators.keys, lines.keys, joint, frozenset(without))
-    numbers = np.full(len(plan.series), np.nan)
-    there = plan.of_indicators >= 0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        numbers[plan.of_indicators[there]] = np.log(indicators.values[there, 0])
-        table = lines.values[:, 1:3]
-        known = np.isfinite(table).all(axis=1)
-        groups = plan.of_lines[known]
-        count = np.bincount(groups, minlength=len(plan.line_places))
-        for column, places in enumerate(plan.line_places.T):
-            sums = np.bincount(groups, weights=table[known, column] ** 2, minlength=len(count))
-            numbers[places] = np.log(sums / count) / 2
-    kept = np.isfinite(numbers) & plan.watched
-    return Numbers(keys=shared(tuple(compress(plan.series, kept))), values=numbers[kept])
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Plan:
-    """Series of all rows with the same indicators and lines.
-
-    ``of_indicators`` is the index of the series of each indicator, -1 without one; ``of_lines`` the group of each line,
-    and ``line_places`` (groups, 2) those of its level and of its ratio to the background; ``watched`` is false for
-    excluded channels.
-    """
-
-    series: tuple[Series, ...]
-    of_indicators: NDArray[np.int64]
-    of_lines: NDArray[np.int64]
-    line_places: NDArray[np.int64]
-    watched: NDArray[np.bool_]
-
-
-@lru_cache(maxsize=256)
-def _plan(indicators: Keys, lines: Keys, joint: tuple[tuple[str, str], ...], without: frozenset[str]) -> _Plan:
-    names = dict(joint)
-    places: dict[Series, int] = {}
-    groups: dict[tuple[str, ...], int] = {}
-
-    def place(channel: str, component: str, kind: str, name: str, unit: str) -> int:
-        component = names.get(component, component)
-        key = Series(channel=channel, component=component, kind=kind, indicator=name, unit=unit)
-        return places.setdefault(key, len(places))
-
-    of_indicators = [
-        -1 if name in _OF_HISTORY else place(channel, component, kind, name, unit)
-        for channel, component, kind, name, unit in indicators
-    ]
-    of_lines, line_places = [], []
-    for channel, spectrum, drawn, kind, _, _, unit in lines:
-        component = names.get(f"{spectrum} {drawn}", names.get(drawn, drawn))
-        group = (channel, spectrum, component, kind, unit)
-        if group not in groups:
-            groups[group] = len(groups)
-            words = ((f"{spectrum} {name}", of) for name, of in ((LINE_LEVEL, unit), (LINE_RATIO, "1")))
-            line_places.append([place(channel, component, kind, name, of) for name, of in words])
-        of_lines.append(groups[group])
-    return _Plan(
-        series=tuple(places),
-        of_indicators=np.array(of_indicators, dtype=np.int64),
-        of_lines=np.array(of_lines, dtype=np.int64),
-        line_places=np.array(line_places, dtype=np.int64).reshape(-1, 2),
-        watched=np.array([key.channel not in without for key in places], dtype=np.bool_),
-    )
+    joint = joint_names(lines)
+    found, squares = dict[Series, float](), dict[Series, list[float]]()
+    for (channel, component, kind, name, unit), value in zip(
+        indicators.keys, indicators.values[:, 0].tolist(), strict=True
+    ):
+        if name not in _OF_HISTORY and value > 0:
+            found[Series(channel, joint.get(component, component), kind, name, unit)] = math.log(value)
+    for (channel, spectrum, drawn, kind, *_, unit), numbers in zip(lines.keys, lines.values.tolist(), strict=True):
+        component = joint.get(f"{spectrum} {drawn}", joint.get(drawn, drawn))
+        if all(map(math.isfinite, numbers)):
+            for name, of, value in ((LINE_LEVEL, unit, numbers[1]), (LINE_RATIO, "1", numbers[2])):
+                squares.setdefault(Series(channel, component, kind, f"{spectrum} {name}", of), []).append(value**2)
+    found |= {key: math.log(mean) / 2 for key, those in squares.items() if (mean := sum(those) / len(those)) > 0}
+    kept = {key: value for key, value in found.items() if key.channel not in without and value < math.inf}
+    return Numbers(keys=shared(tuple(kept)), values=np.array(list(kept.values())))
 
 
 @lru_cache(maxsize=4096)
@@ -163,46 +112,31 @@ def _places(there: Keys, wanted: Keys) -> NDArray[np.int64]:
     return np.array([at.get(key, -1) for key in wanted], dtype=np.int64)
 
 
-def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
+def joint_names(lines: Numbers) -> Mapping[str, str]:
     """Return the names under which parts whose lines have the same orders are monitored.
 
     Bearings whose lines cannot be told apart are one component: monitored separately, a fault of one would raise an
     alarm of each. The lines of a shaft in the envelope, here "envelope SHAFT", are impacts once per revolution: of the
     shaft or of a tooth of its gears, whose sidebands are one order of the shaft apart.
     """
-    lines: Numbers = row.get("lines", NOTHING)
-    equal: dict[tuple[Any, ...], list[str]] = {}
-    for component, names, places in _bearings(lines.keys):
-        equal.setdefault((names, lines.values[places, 0].tobytes()), []).append(component)
-    groups = [sorted(names) for names in equal.values() if len(names) > 1]
-    found, orders = {name: _JOINT + _AND.join(names) for names in groups for name in names}, lines.values[:, 0]
-    shafts, below, above = _rotating(lines.keys)
-    for shaft, place in shafts.items():
-        gears = [gear for gear in below if math.isclose(orders[above[gear]] - orders[below[gear]], 2 * orders[place])]
-        if gears:
-            found[f"{_STRIKES} {shaft}"] = _JOINT + _AND.join([shaft, *sorted(gears)])
-    return found
-
-
-@lru_cache(maxsize=256)
-def _rotating(lines: Keys) -> list[dict[str, int]]:
-    """Return the places of the first harmonic of each shaft, and of the sidebands below and above it of each gear."""
-    first = [(number, *key[2:4], key[5]) for number, key in enumerate(lines) if key[4] == 1]
-    kinds = ["shaft", 0], ["tooth", -1], ["tooth", 1]
-    return [{name: number for number, name, *what in first if what == of} for of in kinds]
-
-
-@lru_cache(maxsize=256)
-def _bearings(lines: Keys) -> list[tuple[str, tuple[Any, ...], NDArray[np.int64]]]:
-    """Return each bearing, the orders of its lines, and their indices."""
-    places: dict[str, list[int]] = {}
-    for number, (_, _, component, kind, *_) in enumerate(lines):
+    bearings, equal = dict[str, list[Any]](), dict[tuple[Any, ...], list[str]]()
+    first: dict[tuple[str, int], dict[str, float]] = {("shaft", 0): {}, ("tooth", -1): {}, ("tooth", 1): {}}
+    for (*where, component, kind, harmonic, sideband, _), order in zip(
+        lines.keys, lines.values[:, 0].tolist(), strict=True
+    ):
         if kind in BEARING_KINDS:
-            places.setdefault(component, []).append(number)
-    return [
-        (component, tuple((*lines[i][:2], *lines[i][3:6]) for i in those), np.array(those))
-        for component, those in places.items()
-    ]
+            bearings.setdefault(component, []).append((*where, kind, harmonic, sideband, order))
+        elif harmonic == 1 and (kind, sideband) in first:
+            first[kind, sideband][component] = order
+    for component, those in bearings.items():
+        equal.setdefault(tuple(those), []).append(component)
+    found = {name: _JOINT + _AND.join(sorted(names)) for names in equal.values() if len(names) > 1 for name in names}
+    shafts, below, above = first.values()
+    for shaft, order in shafts.items():
+        gears = sorted(gear for gear in below if math.isclose(above[gear] - below[gear], 2 * order))
+        if gears:
+            found[f"{_STRIKES} {shaft}"] = _JOINT + _AND.join([shaft, *gears])
+    return found
 
 
 def component_parts(component: str) -> tuple[str, ...]:

@@ -87,7 +87,7 @@ def _filled(rows: Sequence[Mapping[Any, float]], keys: Sequence[Any], *, missing
 def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
     """Return the table of all records, NaN where a record lacks a column or was not judged."""
     facts = {name: [getattr(one, name) for one in records] for name in _FACTS}
-    speed = np.array([one.speed_hz for one in records], dtype=np.float64)
+    speed = np.array([one.covariates.get("speed_hz", np.nan) for one in records], dtype=np.float64)
     lines, of_lines = columns_of([one.lines.keys for one in records])
     indicators, of_indicators = columns_of([one.indicators.keys for one in records])
     amplitude = np.full((len(records), len(lines)), np.nan, dtype=np.float32)

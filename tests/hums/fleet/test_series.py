@@ -11,18 +11,19 @@ def line(harmonic, amplitude, snr):
     return ["a", "envelope", "bearing", "inner_race", harmonic, 0, "g", 1.0, amplitude, snr, 1]
 
 
-def row_of(indicators, lines):
-    return {"indicators": named(indicators, len(INDICATOR), 1), "lines": named(lines, len(LINE), 4)}
+def lines_of(rows):
+    return named(rows, len(LINE), 4)
 
 
-ROW = row_of(
-    [["a", "bearing", "inner_race", "defect_energy", "g2", 4.0], ["a", "gear", "gear", "fm4", "1", -1.0]],
-    [line(1, 3.0, 30.0), line(2, 4.0, 40.0), line(3, math.nan, 1.0)],
-)
+def found_in(indicators, lines):
+    return series_of(named(indicators, len(INDICATOR), 1), lines_of(lines))
 
 
 def test_logarithms_of_indicators_and_of_the_mean_square_of_lines():
-    found = series_of(ROW)
+    found = found_in(
+        [["a", "bearing", "inner_race", "defect_energy", "g2", 4.0], ["a", "gear", "gear", "fm4", "1", -1.0]],
+        [line(1, 3.0, 30.0), line(2, 4.0, 40.0), line(3, math.nan, 1.0)],
+    )
     found = {key.indicator: (value, key.power) for key, value in zip(found.keys, found.values, strict=True)}
     assert found == {
         "defect_energy": (pytest.approx(math.log(4)), 2),
@@ -40,14 +41,14 @@ def test_bearings_of_the_same_orders_are_one_component():
         for harmonic in (1, 2)
     ]
     indicators = [["a", name, "inner_race", "defect_energy", "g2", 4.0] for name in orders]
-    row = row_of(indicators, lines)
     joint = "one of drive end, free end"
-    assert joint_names(row) == dict.fromkeys(equal, joint)
-    assert {key.component for key in series_of(row).keys} == {joint, other}
-    assert len(series_of(row).keys) == 6
+    assert joint_names(lines_of(lines)) == dict.fromkeys(equal, joint)
+    keys = found_in(indicators, lines).keys
+    assert {key.component for key in keys} == {joint, other}
+    assert len(keys) == 6
     assert component_parts(joint) == (joint, *equal)
     lines[1][7] = 9.01  # a harmonic apart: they can be told apart
-    assert joint_names(row_of(indicators, lines)) == {}
+    assert joint_names(lines_of(lines)) == {}
 
 
 def test_impacts_once_per_revolution_are_of_a_shaft_or_a_tooth_of_its_gears():
@@ -60,7 +61,7 @@ def test_impacts_once_per_revolution_are_of_a_shaft_or_a_tooth_of_its_gears():
         for key, order in orders.items()
         for spectrum in (("order_spectrum", "envelope") if key[1] == "shaft" else ("order_spectrum",))
     ]
-    found = {(key.component, key.indicator.split()[0]) for key in series_of(row_of([], lines)).keys}
+    found = {(key.component, key.indicator.split()[0]) for key in found_in([], lines).keys}
     assert {name for name, spectrum in found if spectrum == "envelope"} == {
         *("one of input, pinion", "one of output, rim, wheel", "fan"),
     }
