@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
 from hums.fleet.series import limit_table
+from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Layout, Normal, Prior, learn_machine
 from signals.monitoring.limits import AT_ONCE, machine_limits
 
@@ -60,9 +61,9 @@ class _Charts:
         self.index = np.zeros((machines, watched, len(of)), np.float32)
         slopes = np.repeat(normal.series.regressors, len(of))
         groups = of * machines
-        self.limits = machine_limits(limit_table(), independent.ravel(), every / machines, groups, slopes=slopes)
-        self.headroom = self.limits.headroom(own.reshape(len(own), -1))
-        self.charts = self.limits.charts.start((independent.size,))
+        limits = machine_limits(limit_table(), independent.ravel(), every / machines, groups, slopes=slopes)
+        self.limits = limits.widened(own.reshape(len(own), -1))
+        self.charts = ChartState.start((independent.size,))
 
     @property
     def watched(self) -> Watched:
@@ -74,8 +75,8 @@ class _Charts:
 
     def step(self, number: int, scores: Array) -> None:
         """Take one more record (machines, scores), NaN where it is refused."""
-        self.charts = self.limits.charts.step(self.charts, scores.ravel())
-        found = (self.limits.index(self.charts) / self.headroom).reshape(scores.shape)
+        self.charts = self.charts.step(scores.ravel(), allowance=self.limits.allowance)
+        found = self.limits.index(self.charts).reshape(scores.shape)
         self.index[:, number] = np.where(np.isfinite(scores), found, 0)
 
 

@@ -2,11 +2,11 @@
 
 | state | becomes | when |
 |---|---|---|
-| clear | raised | the index reached 1 in 2 of the last 3 judged records, or 2 in one |
+| clear, cleared | raised | the index reached 1 in 2 of the last 3 judged records, or 2 in one |
 | raised | acknowledged | an acknowledgement is read: it is latched until then; its charts restart |
-| acknowledged | clear | 10 judged records in succession lie below one half |
+| acknowledged | cleared | 10 judged records in succession lie below one half |
 | acknowledged | raised (anew) | the index exceeds twice the one of the last alarm, by that rule |
-| any | clear | maintenance resets the component |
+| any | cleared | maintenance resets the component |
 """
 
 import math
@@ -30,7 +30,7 @@ ALARM_COLUMNS = (
     "baseline",
 )
 SEVERE = 2.0  # condition index from which an alarm is severe: twice the limit
-CLEAR, RAISED, ACKNOWLEDGED = "clear", "raised", "acknowledged"
+CLEAR, RAISED, ACKNOWLEDGED, CLEARED = "clear", "raised", "acknowledged", "cleared"
 AGAIN = 2.0  # growth over the index of the last alarm that raises an acknowledged one anew
 _QUIET, _CLEAR_BELOW = 10, 0.5  # records, and their index, after which it clears: one about the limit is one alarm
 
@@ -39,45 +39,43 @@ _QUIET, _CLEAR_BELOW = 10, 0.5  # records, and their index, after which it clear
 class Alarm:
     """Alarm of a component after the latest record.
 
-    ``state`` is one of the words above; ``recent`` states for each of the latest judged records whether it reached the
-    limit, ``quiet`` counts consecutive low records, ``raised_at`` is the index when the alarm was last raised;
-    ``since`` is the time at which the CUSUM last left zero, and ``row`` the latest row of ``alarms.csv``.
+    ``row`` is its latest row of ``alarms.csv``, ``recent`` states for each of the latest judged records whether it
+    reached the limit, ``quiet`` counts consecutive low records, and ``since`` is the time at which the CUSUM last left
+    zero.
     """
 
-    state: str = CLEAR
+    row: dict[str, Any] = field(default_factory=dict)
     recent: tuple[bool, ...] = ()
     quiet: int = 0
-    raised_at: float = 1.0
     since: str = ""
-    row: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def state(self) -> str:
+        """One of the words above; `CLEAR` before the first alarm."""
+        return str(self.row.get("state", CLEAR))
 
     def step(self, index: float, *, bursts: bool = False) -> bool:
-        """Update the alarm by the condition index of a record, NaN where not judged; return whether it is raised.
+        """Update the alarm by the condition index of a record, NaN where not judged; return whether one is due.
 
         With `bursts` in the baseline, no single record raises an alarm.
         """
         if not math.isfinite(index):
             return False
-        limit = AGAIN * self.raised_at if self.state == ACKNOWLEDGED else 1.0
+        limit = AGAIN * self.row["value"] if self.state == ACKNOWLEDGED else 1.0
         self.recent = (*self.recent, index >= limit)[-WITHIN:]
         self.quiet = self.quiet + 1 if index < _CLEAR_BELOW else 0
         reached = sum(self.recent) >= OF or (index >= AT_ONCE * limit and not bursts)
         if index >= limit and reached and self.state != RAISED:
-            self.state, self.recent, self.raised_at = RAISED, (), index
+            self.recent = ()
             return True
         if self.state == ACKNOWLEDGED and self.quiet >= _QUIET:
             self.recent = ()
-            self.clear()
+            self.row["state"] = CLEARED
         return False
-
-    def clear(self) -> None:
-        """Clear the alarm."""
-        self.state, self.row["state"] = CLEAR, "cleared"
 
     def acknowledge(self) -> bool:
         """Acknowledge the alarm where it is raised, and return whether it was."""
         if self.state != RAISED:
             return False
-        self.state, self.recent, self.quiet = ACKNOWLEDGED, (), 0
-        self.row["state"] = ACKNOWLEDGED
+        self.row["state"], self.recent, self.quiet = ACKNOWLEDGED, (), 0
         return True

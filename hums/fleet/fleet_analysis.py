@@ -265,7 +265,7 @@ def _tables(
         records,
         folder,
         health={one["record"]: one for history in histories for one in history.records},
-        limits={history.state.machine: history.severe_score for history in histories},
+        limits={key: score for history in histories for key, score in history.severe_scores.items()},
     )
     write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
     return histories, {one.record: one.error for one in records if one.error}, no_trends

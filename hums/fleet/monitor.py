@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, RAISED, SEVERE, Alarm
+from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, CLEARED, RAISED, SEVERE, Alarm
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import NOT_ANALYSED, Observation, seconds_since_1970
@@ -28,7 +28,7 @@ from hums.fleet.series import (
     prior_of,
     vector,
 )
-from signals.monitoring.charts import Charts, ChartState
+from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, fused_scores, learn_machine, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
 
@@ -64,9 +64,8 @@ class Epoch:
     channels: tuple[str, ...] = ()
     normal: Normal | None = None
     limits: MachineLimits | None = None
-    headroom: Array = field(default_factory=lambda: np.ones(0))
     bursts: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    charts: ChartState = field(default_factory=Charts().start)
+    charts: ChartState = field(default_factory=ChartState.start)
     recent: Array | None = None
 
     @property
@@ -93,9 +92,9 @@ class Epoch:
         prior = prior_of(self.series, layout, np.nanmedian(values[:, kept], axis=0))
         self.normal, own, independent = learn_machine(values[:, kept], _logarithms(at), times_s, layout, prior)
         run_length, slopes = settings.false_alarm_every, float(self.normal.series.regressors)
-        self.limits = machine_limits(limit_table(), independent, run_length, layout.group_of, slopes=slopes)
-        self.headroom, self.bursts = self.limits.headroom(own), self.limits.bursts(own)
-        self.charts = self.limits.charts.start((layout.scores,))
+        limits = machine_limits(limit_table(), independent, run_length, layout.group_of, slopes=slopes)
+        self.limits, self.bursts = limits.widened(own), limits.bursts(own)
+        self.charts = ChartState.start((layout.scores,))
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
         self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
@@ -121,7 +120,7 @@ class Epoch:
         """Return the rise of all indicators of one kind of a component, times normal, that two records alarm at."""
         (normal, limits), places = self.learned, [n for n, name in enumerate(self.names) if name == component]
         rise = fused_scores(1 / normal.series.scale, normal.layout)
-        limit = limits.limits[0, : rise.size] * self.headroom[: rise.size] * normal.score_scale + normal.score_center
+        limit = limits.limits[0, : rise.size] * normal.score_scale + normal.score_center
         return math.exp(np.nanmin((limit / rise)[places])) if places else math.nan
 
     def verdict_words(self, component: str) -> str:
@@ -131,9 +130,9 @@ class Epoch:
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
         limits, reading = self.learned[1], self.read(seen, self.recent)
-        self.recent, self.charts = reading.recent, limits.charts.step(self.charts, reading.scores)
-        index = np.where(np.isfinite(reading.scores), limits.index(self.charts) / self.headroom, np.nan)
-        return reading, index
+        self.recent = reading.recent
+        self.charts = self.charts.step(reading.scores, allowance=limits.allowance)
+        return reading, np.where(np.isfinite(reading.scores), limits.index(self.charts), np.nan)
 
 
 @dataclass(kw_only=True)
@@ -146,12 +145,11 @@ class MachineState:
         Its name.
     settings : MonitorSettings
         Settings of its monitoring.
-    strata : dict of str to dict of int to Epoch
-        Epochs of each regime, 0 the first; one more for each replacement.
+    strata : dict of str to dict of str to Epoch
+        Epochs of each regime: of the whole machine (an empty name), then of each component replaced since, the latest
+        last.
     regime : str
         Regime of the latest judged record or, before that, of the first record.
-    governed_by : dict of str to int
-        Epoch of each component that is not governed by that of the whole machine.
     alarms : dict of str to Alarm
         Of each component.
     judged, refused : int
@@ -167,9 +165,8 @@ class MachineState:
 
     machine: str
     settings: MonitorSettings = field(default_factory=MonitorSettings)
-    strata: dict[str, dict[int, Epoch]] = field(default_factory=dict)
+    strata: dict[str, dict[str, Epoch]] = field(default_factory=dict)
     regime: str = ""
-    governed_by: dict[str, int] = field(default_factory=dict)
     alarms: dict[str, Alarm] = field(default_factory=dict)
     judged: int = 0
     refused: int = 0
@@ -180,27 +177,23 @@ class MachineState:
     latest: str = ""
 
     @property
-    def epochs(self) -> dict[int, Epoch]:
+    def epochs(self) -> dict[str, Epoch]:
         """Epochs of the regime of the latest judged record."""
-        return self.strata.get(self.regime) or {0: Epoch()}
+        return self.strata.get(self.regime) or {"": Epoch()}
 
     @property
     def baselines(self) -> list[Epoch]:
         """Baselines of all regimes."""
         return [epoch for stratum in self.strata.values() for epoch in stratum.values()]
 
-    def epoch_of(self, component: str) -> int:
-        """Return the epoch that governs a component; of several monitored as one, their newest."""
-        if not self.governed_by:
-            return 0
-        return max(self.governed_by.get(part, 0) for part in component_parts(component))
+    def epoch_of(self, component: str) -> str:
+        """Return the name of the epoch that governs a component; of several monitored as one, their newest."""
+        return next(name for name in reversed(self.epochs) if name in ("", *component_parts(component)))
 
     @property
     def standing(self) -> dict[str, dict[str, Any]]:
         """Rows in ``alarms.csv`` of the alarms that are raised or acknowledged, by component."""
-        return {
-            name: alarm.row for name, alarm in self.alarms.items() if alarm.row.get("state", "cleared") != "cleared"
-        }
+        return {name: alarm.row for name, alarm in self.alarms.items() if alarm.state in (RAISED, ACKNOWLEDGED)}
 
     def cause_of(self, name: str) -> str:
         """Return the component whose standing alarm explains a component's rise, or an empty string."""
@@ -266,13 +259,13 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     stratum = _stratum(state, seen)
     outside = "" if stratum else f"regime {seen.regime!r} is not in the baseline"
     readings = {}
-    for number, epoch in sorted(stratum.items()):
+    for governed, epoch in stratum.items():
         if _learns(state, epoch, seen):
             continue
         if refusal := epoch.outside(seen):
             outside = outside or refusal
             continue
-        readings[number] = epoch.judge(seen)
+        readings[governed] = epoch.judge(seen)
     shown = _of_sensors(state, seen) | _of_verdicts(state, stratum or state.epochs, seen, readings)
     if not readings:
         alarms = _raised(state, seen, shown)
@@ -282,8 +275,8 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     state.judged += 1
     state.regime, state.unwatched_since = seen.regime, ""
     found = Judgement(judged=True)
-    for number, (reading, indices) in readings.items():
-        shown |= _of_charts(state, number, seen, reading, indices, found)
+    for governed, (reading, indices) in readings.items():
+        shown |= _of_charts(state, governed, seen, reading, indices, found)
     return replace(found, alarms=_raised(state, seen, shown))
 
 
@@ -297,12 +290,12 @@ def _nothing_new(state: MachineState, seen: Observation) -> str:
     if digest in (*state.learned, state.latest):
         return "watched before: its indicators are identical to those of an earlier record"
     state.latest = digest
-    if any(epoch.normal is None for epoch in state.strata.get(seen.regime, {0: Epoch()}).values()):
+    if any(epoch.normal is None for epoch in state.strata.get(seen.regime, {"": Epoch()}).values()):
         state.learned.append(digest)
     return ""
 
 
-def _stratum(state: MachineState, seen: Observation) -> dict[int, Epoch]:
+def _stratum(state: MachineState, seen: Observation) -> dict[str, Epoch]:
     """Return the epochs of a record's regime; none if it first occurs after the baseline of another was learned."""
     if seen.regime in state.strata:
         return state.strata[seen.regime]
@@ -311,7 +304,7 @@ def _stratum(state: MachineState, seen: Observation) -> dict[int, Epoch]:
         return {}
     if not state.strata:
         state.regime = seen.regime
-    stratum = {number: Epoch(counted=epoch.counted) for number, epoch in state.epochs.items()}
+    stratum = {name: Epoch(counted=epoch.counted) for name, epoch in state.epochs.items()}
     return state.strata.setdefault(seen.regime, stratum)
 
 
@@ -372,9 +365,9 @@ def _of_sensors(state: MachineState, seen: Observation) -> dict[str, _Shown]:
 
 def _of_verdicts(
     state: MachineState,
-    epochs: Mapping[int, Epoch],
+    epochs: Mapping[str, Epoch],
     seen: Observation,
-    readings: Mapping[int, tuple[Reading, Array]],
+    readings: Mapping[str, tuple[Reading, Array]],
 ) -> dict[str, _Shown]:
     """Return what verdicts show of components that no baseline judges: none is learned, or it refuses the record.
 
@@ -382,22 +375,22 @@ def _of_verdicts(
     """
     shown = {}
     for component in sorted({*seen.diagnosed, *(name for name in state.alarms if ": " not in name)}):
-        number, diagnosed = state.epoch_of(component), component in seen.diagnosed
-        epoch = epochs[number]
-        if (number not in readings or component not in epoch.names) and (diagnosed or epoch.normal is None):
+        governed, diagnosed = state.epoch_of(component), component in seen.diagnosed
+        epoch = epochs[governed]
+        if (governed not in readings or component not in epoch.names) and (diagnosed or epoch.normal is None):
             drivers = [("", epoch.verdict_words(component))]
             shown[component] = _Shown(float(diagnosed), drivers, "verdict", epoch.identity, begins=diagnosed)
     return shown
 
 
 def _of_charts(
-    state: MachineState, number: int, seen: Observation, reading: Reading, indices: Array, found: Judgement
+    state: MachineState, governed: str, seen: Observation, reading: Reading, indices: Array, found: Judgement
 ) -> dict[str, _Shown]:
     """Return what a record shows of the components that an epoch governs, and enter it into the judgement."""
-    epoch, shown, closeness = state.epochs[number], {}, np.nan_to_num(indices, nan=-np.inf).tolist()
+    epoch, shown, closeness = state.epochs[governed], {}, np.nan_to_num(indices, nan=-np.inf).tolist()
     for name, places in epoch.watched.items():
         component, _, what = name.partition(": ")
-        if state.epoch_of(component) != number:
+        if state.epoch_of(component) != governed:
             continue
         place = max(places, key=closeness.__getitem__)
         charts, diagnosed = float(indices[place]), component in seen.diagnosed and not what
@@ -429,15 +422,14 @@ def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown])
     factor. A rise is therefore attributed to the largest standing alarm of a component, unless a verdict names it or it
     is twice as large.
     """
-    rises, alarms = list[tuple[str, Alarm]](), []
+    rises, alarms = list[str](), []
     for name, one in shown.items():
         alarm = state.alarms.setdefault(name, Alarm())
         if one.begins and not any(alarm.recent):
             alarm.since = seen.when
-        before = replace(alarm)
         if alarm.step(one.value, bursts=one.bursts):
-            rises.append((name, before))
-    for name, before in sorted(rises, key=lambda rise: (not shown[rise[0]].named, -shown[rise[0]].value)):
+            rises.append(name)
+    for name in sorted(rises, key=lambda rise: (not shown[rise].named, -shown[rise].value)):
         one, alarm = shown[name], state.alarms[name]
         standing = {
             other: shown[other].value if other in shown else row["value"]
@@ -452,7 +444,6 @@ def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown])
         else:
             row = state.alarms[cause].row
             row["consequences"] = "; ".join(sorted({*filter(None, row["consequences"].split("; ")), name}))
-            state.alarms[name] = replace(alarm, state=before.state, raised_at=before.raised_at)
     return tuple(alarms)
 
 
@@ -529,21 +520,17 @@ def _acknowledge(state: MachineState, component: str) -> None:
         if _of(name, component) and alarm.acknowledge():
             for epoch in (stratum[state.epoch_of(name.partition(": ")[0])] for stratum in state.strata.values()):
                 for place in epoch.watched.get(name, ()):
-                    epoch.charts = epoch.learned[1].charts.restart(epoch.charts, place)
+                    epoch.charts = epoch.charts.restart(place)
 
 
 def _replace(state: MachineState, component: str) -> None:
     """Begin a new epoch for a component, or for the whole machine, and clear its alarms."""
-    fresh = max((0, *state.governed_by.values())) + 1 if component else 0
-    state.governed_by = state.governed_by | {component: fresh} if component else {}
-    used = {0, *state.governed_by.values()}
-    for name, stratum in state.strata.items():
-        after = stratum | {fresh: Epoch(counted=True)}
-        state.strata[name] = {number: epoch for number, epoch in after.items() if number in used}
+    for key, stratum in state.strata.items():
+        others = {name: epoch for name, epoch in stratum.items() if component and name != component}
+        state.strata[key] = others | {component: Epoch(counted=True)}
     for name in list(state.alarms):
         if _of(name, component):
-            state.alarms[name].clear()
-            state.alarms[name] = Alarm()
+            state.alarms.pop(name).row["state"] = CLEARED
 
 
 # ---- as text ---------------------------------------------------------------------------------------------------------

@@ -45,14 +45,14 @@ def write_tables(
     folder: Path,
     *,
     health: Mapping[str, Mapping[str, Any]] | None = None,
-    limits: Mapping[str, float] | None = None,
+    limits: Mapping[tuple[str, str], float] | None = None,
 ) -> str:
     """Write ``fleet.h5``, ``fleet.csv``, ``indicators.parquet`` and ``trends.csv`` from the results of the records.
 
     Return `NO_TRENDS` if no series has one, else an empty string.
 
     `health` has, by name of record, the reason why it was not judged and the condition indices of its components;
-    `limits` has the limit of each machine for forecasts.
+    `limits` has the limit for forecasts of each score, by machine and component.
 
     Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record.
     """
@@ -234,7 +234,7 @@ def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, A
             writer.writerow({name: _number(x, 6) if isinstance(x, float) else plain_cell(x) for name, x in row.items()})
 
 
-def _trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
+def _trends(table: xr.Dataset, limits: Mapping[tuple[str, str], float]) -> Iterator[dict[str, Any]]:
     """Yield a row of ``trends.csv`` for each series that varies, by machine and regime; scores have a limit."""
     days, watched = days_since_1970(table["recorded_at"].to_numpy()), table["watched"].to_numpy().tolist()
     series = [*_titles(table, "indicator"), *_titles(table, "line"), *(f"health: {name}" for name in watched)]
@@ -254,7 +254,7 @@ def _trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str
         for number in np.flatnonzero(varies).tolist():
             row = {name: column[number] for name, column in columns.items()}
             if number >= scored and np.isfinite(found.slope[number]):
-                row |= _forecast(known[:, number], times, limits.get(machine, np.inf))
+                row |= _forecast(known[:, number], times, limits.get((machine, watched[number - scored]), np.inf))
             yield {"machine": machine, "regime": regime} | row
 
 

@@ -5,7 +5,6 @@ The state of the machine is kept as JSON, read bit for bit as written.
 
 import gzip
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -25,11 +24,11 @@ from hums.records.outputs import atomic_write
 from signals._validation import checked
 from signals.monitoring import health
 
-SCHEMA = "hums-watch/13"
+SCHEMA = "hums-watch/14"
 _KINDS: Mapping[str, Any] = {
     name: kind for part in (health, monitor, series) for name, kind in vars(part).items() if is_dataclass(kind)
 }
-_SEQUENCES: Mapping[str, Any] = {"list": list, "tuple": tuple, "Keys": series.shared, "Series": series.Series._make}
+_KIND, _KEYS = "__kind__", ("keys", "series")  # of a dataclass or an array; fields that hold names of series
 
 
 @checked
@@ -106,7 +105,7 @@ def watch(
 
 def write_state(state: MachineState, path: Path) -> None:
     """Write a state to a file atomically."""
-    text = json.dumps({"schema": SCHEMA, "state": _encoded(state)})
+    text = json.dumps({"schema": SCHEMA, "state": state}, default=_plain)
     with atomic_write(path) as part:
         part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
 
@@ -120,9 +119,8 @@ def read_state(path: Path) -> MachineState:
         If the file is not a state.
     """
     try:
-        table = json.loads(gzip.decompress(path.read_bytes()))
-        schema = table["schema"]
-        state = _decoded(table["state"]) if schema == SCHEMA else None
+        table = json.loads(gzip.decompress(path.read_bytes()), object_hook=_restored)
+        schema, state = table["schema"], table["state"]
     except Exception as error:  # noqa: BLE001 - of damaged bytes: a broken archive, lists in the place of numbers
         raise MonitorError(f"{path}: not a state of hums.watch ({error}); name the file that it wrote.") from None
     if schema != SCHEMA:
@@ -132,30 +130,18 @@ def read_state(path: Path) -> MachineState:
     return state
 
 
-def _encoded(thing: Any) -> Any:  # noqa: ANN401
-    """Return the JSON form of a value, with all significant digits of floats."""
+def _plain(thing: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return a dataclass or an array as a JSON object, with all significant digits of floats."""
     if is_dataclass(thing):
-        return [type(thing).__name__, {one.name: _encoded(getattr(thing, one.name)) for one in fields(thing)}]
-    if isinstance(thing, np.ndarray):
-        return ["array", str(thing.dtype), list(thing.shape), thing.ravel().tolist()]
-    if isinstance(thing, np.generic):
-        return _encoded(np.asarray(thing))
-    if isinstance(thing, Mapping):
-        return ["dict", [[_encoded(key), _encoded(value)] for key, value in thing.items()]]
-    if isinstance(thing, list | tuple):
-        return [type(thing).__name__, [_encoded(one) for one in thing]]
-    return thing
+        return {_KIND: type(thing).__name__} | {one.name: getattr(thing, one.name) for one in fields(thing)}
+    return {_KIND: "array", "values": thing.ravel().tolist(), "dtype": str(thing.dtype), "shape": thing.shape}
 
 
-def _decoded(thing: Any) -> Any:  # noqa: ANN401
-    if not isinstance(thing, list):
-        return thing
-    kind, *rest = thing
+def _restored(table: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Return the dataclass or the array of a JSON object of `_plain`, and any other object as it is."""
+    kind = table.pop(_KIND, "")
     if kind == "array":
-        dtype, shape, values = rest
-        return np.array([math.nan if x is None else x for x in values], dtype=dtype).reshape(shape)
-    if kind == "dict":
-        return {_decoded(key): _decoded(value) for key, value in rest[0]}
-    if kind in _SEQUENCES:
-        return _SEQUENCES[kind](tuple(_decoded(one) for one in rest[0]))
-    return _KINDS[kind](**{name: _decoded(value) for name, value in rest[0].items()})
+        return np.array(table["values"], dtype=table["dtype"]).reshape(table["shape"])
+    for name in (one for one in _KEYS if isinstance(table.get(one), list)):
+        table[name] = series.shared(tuple(map(series.Series._make, table[name])))
+    return _KINDS[kind](**table) if kind else table

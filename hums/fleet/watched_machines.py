@@ -41,10 +41,13 @@ class MachineHistory:
         return "" if self.last else "unwatched" if self.state.unwatched_since else "learning"
 
     @property
-    def severe_score(self) -> float:
-        """Score at which the middle EWMA is twice its limit, a severe alarm; infinite if unknown."""
-        limits = self.state.epochs[0].limits
-        return math.inf if limits is None else SEVERE * float(limits.limits[1, 0])
+    def severe_scores(self) -> dict[tuple[str, str], float]:
+        """Score of each component, by machine and component, at which the middle EWMA is a severe alarm's."""
+        epoch, machine = self.state.epochs[""], self.state.machine
+        if epoch.limits is None:
+            return {}
+        of = epoch.limits.limits[1]
+        return {(machine, name): SEVERE * float(of[places[0]]) for name, places in epoch.watched.items()}
 
     @property
     def false_alarms_a_year(self) -> float:
@@ -148,7 +151,7 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``baseline.h5``: a group for every baseline, with its identity, records, series and numbers.
 
     ``center``, ``scale`` and ``slope`` are of logarithms, the latter per logarithm of the covariate; ``limit`` is in
-    deviations of the score, ``headroom`` what the baseline itself reached of it; ``low`` to ``high`` is judged.
+    deviations of the score; ``low`` to ``high`` is judged.
     """
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "hums-baseline/1"})}
     for state, epoch in ((one.state, epoch) for one in histories for epoch in one.state.baselines if epoch.identity):
@@ -160,7 +163,6 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
             "slope": (("covariate", "series"), normal.series.slopes),
             "score_center": ("watched", normal.score_center),
             "score_scale": ("watched", normal.score_scale),
-            "headroom": ("watched", epoch.headroom[:scores]),
             "limit": (("watched", "chart"), limits.limits[:, :scores].T),
             "low": ("covariate", epoch.low),
             "high": ("covariate", epoch.high),

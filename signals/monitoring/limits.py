@@ -10,14 +10,14 @@ its allowance, it grows without bound, so a limit that few machines reach would 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.interpolate import interpn
 
-from signals.monitoring.charts import Charts, ChartState
+from signals.monitoring.charts import ChartState
 
 Array = NDArray[np.float64]
 OF, WITHIN = 2, 3  # records at the limit that raise an alarm: what a single one shows is left out
@@ -49,7 +49,7 @@ class LimitTable:
     limits: Array
     allowances: Array
 
-    def at(self, independent: Array, every: float, groups: tuple[int, ...]) -> Array:
+    def limits_of(self, independent: Array, every: float, groups: tuple[int, ...]) -> Array:
         """Return the limits (ewmas, scores) for baselines of `independent` records (scores,), by interpolation."""
         axes = np.log(self.baselines), np.log(self.every)
         points = np.stack(np.broadcast_arrays(groups, np.log(independent), np.log(every)), axis=-1)
@@ -63,15 +63,15 @@ class MachineLimits:
 
     Attributes
     ----------
-    charts : Charts
-        With the allowance for a baseline of that size.
+    allowance : float
+        Allowance of the CUSUM for a baseline of that size.
     limits : (ewmas, scores) array
         Of each EWMA, in deviations of the score.
     every_records : float
         Mean number of records between false alarms of each score.
     """
 
-    charts: Charts
+    allowance: float
     limits: Array
     every_records: float
 
@@ -80,20 +80,19 @@ class MachineLimits:
         limits = self.limits.reshape(len(self.limits), *[1] * (state.rising.ndim - 1), -1)
         return np.asarray(np.maximum((state.values[:-1] / limits).max(axis=0), 0.0))
 
-    def headroom(self, baseline: Array) -> Array:
-        """Return the factor (scores,) by which alarms in the baseline (records, scores) widen the limits.
+    def widened(self, baseline: Array) -> "MachineLimits":
+        """Return the limits after alarms in the scores (records, scores) of the baseline itself.
 
-        An alarm that the baseline itself raises by the rule m of n shows that bursts are normal, and the index of later
-        records is divided by this factor, else 1. Single outliers, which the rule ignores, do not count. k bursts of n
-        records that exceed the limit u by a sum s are taken as exponential of unknown mean; the next one then exceeds u
-        + x with the probability (1 + x/s)^-k (predictive distribution with a prior flat in the logarithm of the mean;
-        Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is that at which the rule responds to
-        bursts at the stated rate, if they occur independently in a share (k + 1/2) / (n + 1) of the records (Jeffreys'
-        prior).
+        An alarm that it raises by the rule m of n shows that bursts are normal, and widens the limits of its score by a
+        factor. Single outliers, which the rule ignores, do not count. k bursts of n records that exceed the limit u by
+        a sum s are taken as exponential of unknown mean; the next one then exceeds u + x with the probability (1 +
+        x/s)^-k (predictive distribution with a prior flat in the logarithm of the mean; Aitchison and Dunsmore 1975,
+        Statistical Prediction Analysis). The factor is that at which the rule responds to bursts at the stated rate, if
+        they occur independently in a share (k + 1/2) / (n + 1) of the records (Jeffreys' prior).
         """
         records = baseline.shape[0]
         if records < WITHIN:
-            return np.ones(baseline.shape[1:])
+            return self
         over = np.nan_to_num(baseline) / self.limits[0] - 1
         windows = np.sort(sliding_window_view(over, WITHIN, axis=0), axis=-1)
         alarmed = windows[..., -OF].max(axis=0) >= 0
@@ -102,7 +101,7 @@ class MachineLimits:
         exceeded = (self.every_records * ways) ** (-1 / OF)  # probability of a record that the rate allows
         share = (count + 0.5) / (records + 1)
         beyond = total * ((share / exceeded) ** (1 / np.maximum(count, 1)) - 1)
-        return np.asarray(np.where(alarmed, 1 + np.maximum(beyond, 0), 1.0))
+        return replace(self, limits=self.limits * np.where(alarmed, 1 + np.maximum(beyond, 0), 1.0))
 
     def bursts(self, baseline: Array) -> NDArray[np.bool_]:
         """Return whether a record of the baseline (records, ..., scores) would raise an alarm by itself."""
@@ -130,4 +129,4 @@ def machine_limits(
     """
     records, each = np.asarray(independent) / (1 + _OF_A_SLOPE * slopes), every_records * len(groups)
     allowance = float(np.interp(np.median(records), table.baselines, table.allowances))
-    return MachineLimits(charts=Charts(allowance=allowance), limits=table.at(records, each, groups), every_records=each)
+    return MachineLimits(allowance=allowance, limits=table.limits_of(records, each, groups), every_records=each)

@@ -12,15 +12,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hums.fleet.series import limit_table
+from signals.monitoring.charts import ChartState
 from signals.monitoring.limits import machine_limits
 
 records, began = np.arange(120), 60
 growth = 0.1 * np.clip(records - began, 0, None)
 scores = np.random.default_rng(1).normal(size=records.size) + growth
 limits = machine_limits(limit_table(), np.array([30.0]), 10_000, (0,))
-state, charts, index = limits.charts.start((1,)), [], []
+state, charts, index = ChartState.start((1,)), [], []
 for score in scores:
-    state = limits.charts.step(state, np.array([score]))
+    state = state.step(np.array([score]), allowance=limits.allowance)
     charts.append(state.values[:, 0])
     index.append(float(limits.index(state)[0]))
 alarm = int(np.argmax(np.array(index) > 1))

@@ -20,9 +20,9 @@ def test_healthy_machines_raise_fewer_alarms_than_stated(group):
     scores = rng.standard_normal((baseline + records, machines))
     learned = scores[:baseline]
     scale = np.sqrt(((baseline - 1) * learned.var(axis=0, ddof=1) + 10) / (baseline - 1 + 10))
-    state, index = limits.charts.start((machines, 1)), np.empty((records, machines))
+    state, index = ChartState.start((machines, 1)), np.empty((records, machines))
     for number, score in enumerate((scores[baseline:] - learned.mean(axis=0)) / scale):
-        state = limits.charts.step(state, score[:, None])
+        state = state.step(score[:, None], allowance=limits.allowance)
         index[number] = limits.index(state)[:, 0]
     alarmed = (np.sort(np.stack([index[2:], index[1:-1], index[:-2]]), axis=0)[1] >= 1).any(axis=0)
     assert 0 < alarmed.mean() < 300 / 1000
@@ -53,7 +53,7 @@ def test_an_alarm_of_the_baseline_is_part_of_what_was_normal():
     baseline = np.zeros((30, 3))
     baseline[[4, 6], 1] = 3 * limits.limits[0, 0], 2 * limits.limits[0, 0]  # two of three
     baseline[[4, 16], 2] = 5 * limits.limits[0, 0]  # each by itself
-    none, two, apart = limits.headroom(baseline)
+    none, two, apart = (limits.widened(baseline).limits / limits.limits)[0]
     assert (none, apart) == (1.0, 1.0)
     # a burst is above 1 + x with the share of bursts times (1 + x/3)^-2, and two of three are with 2 p^2
     p = 2.5 / 31 * (1 + (two - 1) / 3) ** -2
