@@ -4,7 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, fields
 from functools import partial
 from importlib.util import find_spec
 from itertools import chain
@@ -29,9 +29,6 @@ Array = NDArray[np.float64]
 
 # ---- Table -----------------------------------------------------------------------------------------------------------
 
-
-SIGNIFICANCE = 0.01
-"""False discovery rate below which a trend is called rising or falling."""
 
 VERDICTS = ("none", "indicated", "diagnosed", "not judged")
 _FACTS = ("record", "machine", "recorded_at", "error")
@@ -223,6 +220,7 @@ NO_TRENDS = (
     "and a series that varies"
 )
 _FORECAST = ("days_until_limit", "days_low", "days_high", "no_forecast")
+_TREND_COLUMNS = ("machine", "regime", "series", "units", *(one.name for one in fields(Slopes)), *_FORECAST)
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
@@ -249,46 +247,14 @@ def _trends(table: xr.Dataset, limits: Mapping[tuple[str, str], float]) -> Itera
             continue
         known, times = values[rows], days[rows]
         found = series_slopes(known, times)
-        columns = {"series": series, "units": units} | _columns(found, np.arange(len(series)) >= scored)
-        varies = (found.points >= FEWEST_SHOWN) & (np.isfinite(known) & (known != found.median)).any(axis=0)
+        varies = (found.records >= FEWEST_SHOWN) & (np.isfinite(known) & (known != found.median)).any(axis=0)
         for number in np.flatnonzero(varies).tolist():
-            row = {name: column[number] for name, column in columns.items()}
-            if number >= scored and np.isfinite(found.slope[number]):
-                row |= _forecast(known[:, number], times, limits.get((machine, watched[number - scored]), np.inf))
-            yield {"machine": machine, "regime": regime} | row
-
-
-def _columns(found: Slopes, is_score: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
-    """Return the columns of ``trends.csv`` for series with these slopes."""
-    sure = found.discovery_rate < SIGNIFICANCE
-    trends = ["too few to test", "none", "rising"], [np.isnan(found.slope), ~sure, found.rises]
-    return {
-        "records": found.points,
-        "median": found.median,
-        "change": found.last / np.where(~is_score & (found.first > 0), found.first, np.nan),
-        "slope_per_day": found.slope,
-        "slope_low": found.slope_low,
-        "slope_high": found.slope_high,
-        "p_value": found.p_value,
-        "adjusted_p": found.discovery_rate,
-        "trend": np.select(trends[1], trends[0], "falling"),
-        "form": np.where(sure, found.form, ""),
-    }
-
-
-_TREND_COLUMNS = (
-    *("machine", "regime", "series", "units"),
-    *_columns(series_slopes(np.zeros((0, 0)), np.zeros(0)), np.zeros(0, dtype=np.bool_)),
-    *_FORECAST,
-)
-
-
-def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
-    """Return the time until a score reaches its limit, or why there is no forecast."""
-    known = np.flatnonzero(np.isfinite(series))
-    distinct = known[np.r_[True, np.diff(days[known]) > 0]][-_RECENT_POINTS:]
-    try:
-        ahead = time_until(limit, series[distinct], days[distinct])
-    except ValueError as error:
-        return {_FORECAST[-1]: str(error)}
-    return dict(zip(_FORECAST, astuple(ahead), strict=True))
+            row = {"machine": machine, "regime": regime, "series": series[number], "units": units[number]}
+            row |= {name: column[number] for name, column in vars(found).items()}
+            if number >= scored:
+                row["change"] = np.nan
+            if number >= scored and np.isfinite(row["slope_per_day"]):
+                limit = limits.get((machine, watched[number - scored]), np.inf)
+                ahead = time_until(limit, known[-_RECENT_POINTS:, number], times[-_RECENT_POINTS:])
+                row |= dict(zip(_FORECAST, astuple(ahead), strict=True))
+            yield row

@@ -77,7 +77,7 @@ class MachineHistory:
         those = self.records[begun[-1] :] if begun else []
         days = days_since_1970(one["recorded_at"] for one in those)
         scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
-        return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
+        return float(series_slopes(scores[:, None], days).slope_per_day[0]) if len(those) else math.nan
 
 
 def watch_machines(

@@ -49,35 +49,31 @@ class TimeUntil:
 
 
 def time_until(limit: float, values: Array, times: Array, *, seed: int = 1) -> TimeUntil:
-    """Return the time from the last of the values (n,), at rising times (n,), until their level reaches a limit above.
+    """Return the time from the last of the values (n,), at times (n,), until their level reaches a limit above.
 
     Parameters
     ----------
     limit : float
         In the unit of the values.
     values, times : (n,) array
-        The series; of more than 100 values, medians of 100 consecutive groups are taken.
+        The series; of several values at one time the first counts, and of more than 100 values medians of 100
+        consecutive groups are taken.
     seed : int
         Seed of the drawn paths.
 
     Returns
     -------
     TimeUntil
-        With a reason instead of numbers if fewer than 95 % of the drawn slopes rise, or if more than 5 % of the paths
-        do not reach the limit within three times the observed time, so that the interval has no upper end: the trend
-        may be autocorrelated noise, reversing drift, or growth that saturates below the limit.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 8 finite values, or times do not increase.
+        With a reason instead of numbers if there are fewer than 8 values, if fewer than 95 % of the drawn slopes rise,
+        or if more than 5 % of the paths do not reach the limit within three times the observed time, so that the
+        interval has no upper end: the trend may be autocorrelated noise, reversing drift, or growth that saturates
+        below the limit.
     """
-    known = np.isfinite(values) & np.isfinite(times)
-    y, t = values[known], np.asarray(times[known], dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(values) & np.isfinite(times))
+    t, first = np.unique(times[known], return_index=True)
+    y = values[known[first]]
     if y.size < FEWEST:
-        raise ValueError(f"{y.size} values are too few for a forecast; give at least {FEWEST}.")
-    if not (np.diff(t) > 0).all():
-        raise ValueError("times of a forecast must increase; give each value once.")
+        return TimeUntil(reason=f"{y.size} values are too few for a forecast, which needs {FEWEST}")
     last = t[-1]
     medians, t = grouped(y[:, None], t)
     y, span, rng = medians[:, 0], np.ptp(t), np.random.default_rng(seed)

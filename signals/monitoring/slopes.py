@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
+from scipy.stats import false_discovery_control
 
 from signals.monitoring.location import known_median
 from signals.monitoring.memory import correlations
 
 Array = NDArray[np.float64]
 FEWEST = 5  # values of which a slope is given: three beyond its two unknowns
+SIGNIFICANCE = 0.01  # false discovery rate below which there is a trend
 _MOST_GROUPS = 100  # of records, of which longer series are the medians: what a test costs grows with their number
 _MEMORIES = np.geomspace(0.01, 1.0, 5)  # over the time watched
 _GROWTH = 6.0  # e-foldings over the time watched
@@ -33,70 +35,62 @@ class Slopes:
 
     Attributes
     ----------
-    points : (series,) array
+    records : (series,) array
         Number of finite values.
-    median, first, last : (series,) array
-        Median of all values, of the first third and of the last.
-    slope, slope_low, slope_high : (series,) array
-        Slope and the ends of its 95 % interval, in units of the values per unit of time. For more than 100 records, of
-        the medians of 100 consecutive groups.
+    median, change : (series,) array
+        Median of all values, and that of the last third over that of the first, NaN if the latter is not positive.
+    slope_per_day, slope_low, slope_high : (series,) array
+        Slope and the ends of its 95 % interval, in units of the values per day. For more than 100 records, of the
+        medians of 100 consecutive groups.
     p_value : (series,) array
         Probability of a change at least this large without a trend: twice the smaller one (Bonferroni) of a line and of
         accelerating growth, of the logarithms if all values are positive. A step is not a trend.
-    form : (series,) array of str
-        Growth law with the smaller probability: ``line`` or ``growth``.
-    rises : (series,) array
-        Whether it rises rather than falls.
-    discovery_rate : (series,) array
+    adjusted_p : (series,) array
         Expected share of false discoveries among all series with at most this probability (Benjamini and Hochberg 1995,
         J. R. Stat. Soc. B 57(1), 289-300).
+    trend : (series,) array of str
+        ``rising`` or ``falling`` if that is below `SIGNIFICANCE`, else ``none``, or ``too few to test``.
+    form : (series,) array of str
+        Growth law with the smaller probability, of a trend: ``line`` or ``growth``.
     """
 
-    points: NDArray[np.int64]
+    records: NDArray[np.int64]
     median: Array
-    first: Array
-    last: Array
-    slope: Array
+    change: Array
+    slope_per_day: Array
     slope_low: Array
     slope_high: Array
     p_value: Array
+    adjusted_p: Array
+    trend: NDArray[np.str_]
     form: NDArray[np.str_]
-    rises: NDArray[np.bool_]
-    discovery_rate: Array
 
 
-def series_slopes(values: Array, times: Array) -> Slopes:
-    """Return the changes of the finite `values` (records, series) over `times` (records,)."""
-    order = np.argsort(times, kind="stable")
-    order = order[np.isfinite(times[order])]
-    values, times = values[order], times[order]
-    known = np.isfinite(values)
-    medians, middles = grouped(values, times)
-    found: dict[str, Any] = {one.name: np.full(values.shape[1], np.nan) for one in fields(Slopes)}
-    found |= {"points": known.sum(axis=0), "form": np.full(values.shape[1], "", dtype="<U6")}
-    for number, rows in enumerate(known.T):
-        x, y = times[rows], values[rows, number]
-        if not y.size:
-            continue
-        third = max(1, y.size // 3)
-        row: dict[str, Any] = {"median": np.median(y), "first": np.median(y[:third]), "last": np.median(y[-third:])}
-        if y.size >= FEWEST and np.ptp(x) > 0 and np.ptp(y) > 0:
-            few = np.isfinite(medians[:, number])
-            shown, when = medians[few, number], middles[few]
-            row |= _change(shown, when)
-        for name, value in row.items():
-            found[name][number] = value
-    found["rises"] = found["rises"] == 1
-    found["discovery_rate"] = _discovery_rates(found["p_value"])
+def series_slopes(values: Array, days: Array) -> Slopes:
+    """Return the changes of the finite `values` (records, series) over ascending `days` (records,)."""
+    values, days = values[np.isfinite(days)], days[np.isfinite(days)]
+    medians, middles = grouped(values, days)
+    rows = [_series(y, days, those, middles) for y, those in zip(values.T, medians.T, strict=True)]
+    found = {one.name: np.array([row.get(one.name, np.nan) for row in rows]) for one in fields(Slopes)}
+    tested = np.isfinite(found["p_value"])
+    found["adjusted_p"][tested] = false_discovery_control(found["p_value"][tested])
+    found["trend"][found["adjusted_p"] >= SIGNIFICANCE] = "none"
+    found["form"][~(found["adjusted_p"] < SIGNIFICANCE)] = ""
     return Slopes(**found)
 
 
-def _discovery_rates(p_values: Array) -> Array:
-    rates, those = np.full(p_values.size, np.nan), np.flatnonzero(np.isfinite(p_values))
-    order = those[np.argsort(p_values[those])]
-    rates[order] = p_values[order] * order.size / np.arange(1, order.size + 1)
-    rates[order] = np.minimum.accumulate(rates[order][::-1])[::-1]  # a larger probability is no better
-    return rates
+def _series(y: Array, days: Array, medians: Array, middles: Array) -> dict[str, Any]:
+    """Return what is found of the values (n,) of a series, and of the medians of their groups."""
+    known, few = np.isfinite(y), np.isfinite(medians)
+    y, row = y[known], {"records": int(known.sum()), "trend": "too few to test", "form": ""}
+    if not y.size:
+        return row
+    third = max(1, y.size // 3)
+    first, last = np.median(y[:third]), np.median(y[-third:])
+    row |= {"median": np.median(y), "change": last / first if first > 0 else np.nan}
+    if y.size >= FEWEST and np.ptp(days[known]) > 0 and np.ptp(y) > 0:
+        row |= _change(medians[few], middles[few])
+    return row
 
 
 def _change(y: Array, t: Array) -> dict[str, Any]:
@@ -105,12 +99,19 @@ def _change(y: Array, t: Array) -> dict[str, Any]:
     courses = np.column_stack([place, np.expm1(_GROWTH * place) / np.expm1(_GROWTH)])
     mean, error, dof = _changes(y, courses, t)
     reach = stdtrit(dof, 0.975) * error[0]
-    found = {"slope": mean[0] * unit, "slope_low": (mean[0] - reach) * unit, "slope_high": (mean[0] + reach) * unit}
+    low, slope, high = unit * (mean[0] + reach * np.array([-1, 0, 1]))
     if (y > 0).all():
         mean, error, _ = _changes(np.log(y), courses, t)
     best = int(np.argmax(np.abs(mean) / error))
     p_value = min(1.0, 2 * float(stdtr(dof, -abs(mean[best]) / error[best])) * mean.size)
-    return found | {"p_value": p_value, "form": ("line", "growth")[best], "rises": mean[best] > 0}
+    return {
+        "slope_per_day": slope,
+        "slope_low": low,
+        "slope_high": high,
+        "p_value": p_value,
+        "trend": "rising" if mean[best] > 0 else "falling",
+        "form": ("line", "growth")[best],
+    }
 
 
 def _changes(y: Array, courses: Array, t: Array) -> tuple[Array, Array, int]:

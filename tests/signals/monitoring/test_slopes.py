@@ -47,20 +47,20 @@ def test_white_errors_have_an_interval_half_as_wide_again_as_least_squares_at_mo
 def test_a_long_straight_line_keeps_its_slope():
     times = np.sort(np.random.default_rng(2).uniform(0, 100, 10_000))
     found = series_slopes((3 - 0.25 * times)[:, None], times)
-    assert found.points == 10_000
+    assert found.records == 10_000
     # medians of groups of 100 lie on the line; of even groups both medians average the same two
-    assert found.slope == pytest.approx([-0.25], rel=1e-9)
+    assert found.slope_per_day == pytest.approx([-0.25], rel=1e-9)
 
 
 def test_gaps_are_left_out_and_too_little_is_no_slope():
     times = np.array([0.0, 1, 2, 3, 4, 5, np.nan])
     values = np.array([[1.0, np.nan, 2, 3, 4, 5, 9], [1, np.nan, 2, 3, 4, np.nan, 9], [1.0] * 7]).T
     found = series_slopes(values, times)
-    assert found.points.tolist() == [5, 4, 6]
+    assert found.records.tolist() == [5, 4, 6]
     assert found.median.tolist() == [3.0, 2.5, 1.0]
-    assert (found.first[0], found.last[0]) == (1.0, 5.0)  # a third of five values is one
-    assert np.isfinite(found.slope).tolist() == [True, False, False]
-    assert np.isnan(series_slopes(values, np.ones(7)).slope).all()
+    assert found.change[0] == 5.0  # a third of five values is one
+    assert np.isfinite(found.slope_per_day).tolist() == [True, False, False]
+    assert np.isnan(series_slopes(values, np.ones(7)).slope_per_day).all()
 
 
 class TestDiscovery:
@@ -79,18 +79,18 @@ class TestDiscovery:
         values[:, 7] -= 0.15 * self.TIMES
         values[:, 9] += 6 * np.exp((self.TIMES - 39) / 6)
         found = series_slopes(np.exp(values), self.TIMES)
-        assert np.flatnonzero(found.discovery_rate < 0.02).tolist() == [3, 7, 9]
-        assert found.rises[[3, 7, 9]].tolist() == [True, False, True]
+        assert np.flatnonzero(found.adjusted_p < 0.02).tolist() == [3, 7, 9]
+        assert found.trend[[3, 7, 9]].tolist() == ["rising", "falling", "rising"]
         assert found.form[[3, 9]].tolist() == ["line", "growth"]
 
     def test_many_that_rise_are_found_together(self):
         values = self.logarithms(8, 75, 2, common=0.3) * 0.3
         values[:, :30] += np.linspace(0, np.log(62), 8)[:, None]
         found = series_slopes(np.exp(values), np.arange(8.0))
-        assert (found.discovery_rate[:30] < 0.01).mean() > 0.9
+        assert (found.adjusted_p[:30] < 0.01).mean() > 0.9
 
     def test_no_more_than_the_stated_share_of_machines_has_one(self):
         # of 20 machines without a trend, at a rate of 5 %: more than 4 have a probability of 0.3 %
         values = [self.logarithms(12, 20, seed, common=1.0) for seed in range(20)]
         found = [series_slopes(np.exp(one), np.arange(12.0)) for one in values]
-        assert sum((one.discovery_rate < 0.05).any() for one in found) <= 4
+        assert sum((one.adjusted_p < 0.05).any() for one in found) <= 4
