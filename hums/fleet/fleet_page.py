@@ -16,7 +16,7 @@ from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
-from hums.fleet.watched_machines import MachineHistory
+from hums.fleet.watched_machines import MachineHistory, component_row
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page
 from hums.records.fields import file_name
@@ -49,8 +49,12 @@ def write_page(
         Path or name of the gearbox, for the command that writes such a report.
     """
     found = {one.record: one for one in records}
-    ranked = sorted(histories, key=lambda one: (_state(one) != RAISED, -_worst(one)[1], one.state.machine))
-    machines = [_machine(one, found, number, path.parent, gearbox) for number, one in enumerate(ranked)]
+    machines = [_machine(one, found, path.parent, gearbox) for one in histories]
+    machines.sort(key=lambda one: (one["state"] != RAISED, -one["urgency"], one["worst"]["machine"]))
+    for number, one in enumerate(machines):
+        name, drawn = f"machine-{number}", number < _DRAWN
+        figures = list(_figures(one["history"], found, one["worst"], name)) if drawn else []
+        one |= {"name": name, "drawn": drawn, "figures": figures}
     environment = page_environment()
     environment.filters["short"] = _short
     body, style, script = (
@@ -60,12 +64,11 @@ def write_page(
     write_text(path, stand_alone_page(title="Fleet", body=body, style=style, script=script))
 
 
-def _worst(history: MachineHistory) -> tuple[str, float]:
-    """Return the most urgent component, one with a standing alarm first, and its condition index; "" if none."""
+def _worst(history: MachineHistory) -> dict[str, Any]:
+    """Return the row of the most urgent component, one with a standing alarm first; its name is empty without one."""
     index = history.last.index if history.last else {}
     known = [(history.state.alarms[name].state == RAISED, value, name) for name, value in index.items() if value >= 0]
-    _, value, name = max(known, key=lambda one: one[:2], default=(False, -math.inf, ""))
-    return name, value
+    return component_row(history, max(known, default=(False, 0.0, ""))[2])
 
 
 def _state(history: MachineHistory) -> str:
@@ -73,34 +76,23 @@ def _state(history: MachineHistory) -> str:
     return RAISED if RAISED in lives else history.waiting or (ACKNOWLEDGED if ACKNOWLEDGED in lives else "normal")
 
 
-def _machine(
-    history: MachineHistory, found: dict[str, StoredRecord], number: int, folder: Path, gearbox: str
-) -> dict[str, Any]:
+def _machine(history: MachineHistory, found: dict[str, StoredRecord], folder: Path, gearbox: str) -> dict[str, Any]:
     """Return the variables of the page's template for a machine."""
-    state, last, (component, index) = history.state, history.last, _worst(history)
-    record = history.records[-1]["record"] if history.records else ""
+    worst, record = _worst(history), history.records[-1]["record"] if history.records else ""
     reported = next((alarm["record"] for alarm in reversed(history.alarms) if alarm["state"] == RAISED), record)
-    channel, driver, _ = last.growth[component] if last and component else ("", "", 0.0)
-    epoch = state.epochs[state.epoch_of(component.partition(": ")[0])]
-    report = folder / "reports" / file_name(f"{state.machine} {Path(reported).stem}") / "report.html"
+    report = folder / "reports" / file_name(f"{worst['machine']} {Path(reported).stem}") / "report.html"
     command = ["hums", "analyze", reported, "--gearbox", gearbox, "-o", str(report.parent)]
     return {
-        "name": f"machine-{number}",
-        "drawn": number < _DRAWN,
         "history": history,
+        "worst": worst,
+        "urgency": float(np.nan_to_num(worst["condition_index"], nan=-np.inf)),
         "state": _state(history),
         "style": _STYLES.get(_state(history), "unknown"),
-        "index": index,
-        "component": component,
-        "channel": channel,
-        "driver": driver.replace("_", " "),
         "course": _small_course(history),
-        "alarm_from": epoch.alarm_from(component) if epoch.identity else math.nan,
         "last": found[record].when if record in found else record,
         "reported": reported,
         "report": quote(report.relative_to(folder).as_posix()) if report.is_file() else "",
         "command": shlex.join(command) if reported.endswith((".h5", ".hdf5")) else "",
-        "figures": list(_figures(history, found, component, f"machine-{number}")) if number < _DRAWN else [],
     }
 
 
@@ -126,9 +118,11 @@ def _unit(unit: str) -> str:
 # ---- figures ---------------------------------------------------------------------------------------------------------
 
 
-def _figures(history: MachineHistory, found: dict[str, StoredRecord], component: str, name: str) -> Iterator[str]:
+def _figures(
+    history: MachineHistory, found: dict[str, StoredRecord], worst: dict[str, Any], name: str
+) -> Iterator[str]:
     """Yield the figures of a machine: condition, driving series, and lines of two records."""
-    kept = [found[one["record"]] for one in history.records]
+    kept, component = [found[one["record"]] for one in history.records], worst["component"]
     if not component or not kept:
         return
     days = days_since_1970(one.recorded_at for one in kept)
@@ -137,7 +131,7 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
     days = days - days[0] if dated else np.arange(len(kept), dtype=np.float64)
     health = _health(history, days, component)
     alt = f"Condition index of {history.state.machine or 'the machine'} over {len(kept)} records; "
-    alt += f"{component} is now at {_worst(history)[1]:.2g}, where 1 is the limit."
+    alt += f"{component} is now at {worst['condition_index']:.2g}, where 1 is the limit."
     yield figure_html(
         Figure(
             name=f"{name}-health", alt=alt, title="Condition index", view="health", data=health | start, height_px=320

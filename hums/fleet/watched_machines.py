@@ -116,35 +116,37 @@ def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
 
 def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``components.csv``, one row per component of each machine, the most urgent first."""
-    rows = [row for history in histories for row in _components(history)]
+    rows = [component_row(one, name) for one in histories for name in (one.last.index if one.last else [""])]
     rows.sort(key=lambda row: (-np.nan_to_num(row["condition_index"], nan=-np.inf), row["machine"]))
     write_rows(path, tuple(rows[0]), rows)
 
 
-def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
-    state, last = history.state, history.last or Judgement(judged=False, growth={"": ("", "", math.nan)})
+def component_row(history: MachineHistory, name: str) -> dict[str, Any]:
+    """Return the row of a component in ``components.csv``; of a machine without a judged record `name` is empty."""
+    state, alarm = history.state, history.state.alarms.get(name, Alarm())
+    epoch = state.epochs[state.epoch_of(name.partition(": ")[0])]
+    last = history.last if history.last and epoch.identity else Judgement(judged=False)
+    waiting = history.waiting or ("" if epoch.identity else "learning")
+    life = f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state
+    channel, indicator, departure = last.growth.get(name, ("", "", math.nan))
     seen = state.judged + state.refused
-    for name, (channel, indicator, departure) in last.growth.items():
-        epoch, alarm = state.epochs[state.epoch_of(name.partition(": ")[0])], state.alarms.get(name, Alarm())
-        if epoch.limits is None and not history.waiting:
-            continue
-        yield {
-            "machine": state.machine,
-            "component": name,
-            "condition_index": last.index.get(name, math.nan),
-            "state": history.waiting or (f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state),
-            "since": alarm.since,
-            "channel": channel,
-            "indicator": indicator,
-            "departure": departure,
-            "times_normal": last.ratio.get(name, math.nan),
-            "alarm_from_times_normal": epoch.alarm_from(name) if epoch.identity else math.nan,
-            "growth_per_day": history.growth_per_day(name),
-            "false_alarms_a_year": history.false_alarms_a_year,
-            "refused_share": f"{state.refused / seen:.4g}" if seen else "",
-            "unwatched_since": state.unwatched_since,
-            "baseline": epoch.identity,
-        }
+    return {
+        "machine": state.machine,
+        "component": name,
+        "condition_index": last.index.get(name, math.nan),
+        "state": waiting or life,
+        "since": alarm.since,
+        "channel": channel,
+        "indicator": indicator,
+        "departure": departure,
+        "times_normal": last.ratio.get(name, math.nan),
+        "alarm_from_times_normal": epoch.alarm_from(name) if epoch.identity else math.nan,
+        "growth_per_day": history.growth_per_day(name),
+        "false_alarms_a_year": history.false_alarms_a_year,
+        "refused_share": state.refused / seen if seen else math.nan,
+        "unwatched_since": state.unwatched_since,
+        "baseline": epoch.identity,
+    }
 
 
 def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
