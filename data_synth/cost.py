@@ -4,20 +4,23 @@ import math
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
-from data_synth.fidelity.time_compression import compressed, compression_factor, with_full_duration
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
+from data_synth.operation.drive import build_drive
+from data_synth.scene.faults import Fault
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError, load_scene
 from data_synth.scene.sensors import Sensor, Transfer
-from data_synth.sources.families import turning_ratios
+from data_synth.sources.families import ratio_of, turning_ratios
 from data_synth.sources.impact_responses import impact_lines
-from data_synth.sources.prepared import PreparedScene, prepare_scene, truth_instants
+from data_synth.sources.prepared import PreparedScene, check_rate, prepare_scene, truth_instants
 from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.run import Motion, contacts_in, motion_of
 from hums.gearbox.components import count
@@ -33,6 +36,7 @@ _PROJECTED = 15
 """Number of significant lines of gears in motion over the root of the number of candidate orders: the mean over 24
 records of `benchmark-1`, either half of which predicts the mean of the other to within 15 %. A single record is within
 a factor of two to four, since the significant lines depend on resonances."""
+_OPENING_S, _FEWEST_PULSES = 10.0, 16.0  # in which impacts and pulses of a longer scene are counted
 BYTES = 8  # per sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # measured in addition to the channels of the demo of 1 s to 200 s
 _GEAR_COPIES = 11  # of a channel, while the lines of gears in motion are projected
@@ -113,7 +117,7 @@ def explain(
 ) -> Explanation:
     """Return the sources, lines and estimated cost of a scene without simulating it.
 
-    Random events are counted in a scene of ten seconds with time-compressed histories.
+    Events are counted in the first ten seconds, or 16 tachometer pulses, and multiplied by the ratio of revolutions.
 
     Parameters
     ----------
@@ -140,14 +144,13 @@ def explain(
     True
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    time_factor, samples, channels = compression_factor(declared), declared.samples, len(declared.sensors)
-    stage, vibrating = prepare_scene(compressed(declared, time_factor), rng_for=partial(random_stream, 0)), 0
+    samples, channels, vibrating = declared.samples, len(declared.sensors), 0
+    stage, longer = _with_opening(declared)
     if declared.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         gears: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
         projected, instants_of_truth, digits = 0, declared.truth_times, 2 * BYTES
     else:
-        stage = with_full_duration(stage, declared)
         motion = motion_of(stage)
         choice = chosen(motion)
         gears, vibrating = (
@@ -163,11 +166,11 @@ def explain(
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes) + channels * projected
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    amplitudes, events = digits * lines * instants_of_truth, round(BYTES * time_factor * instants)
+    amplitudes, events = digits * lines * instants_of_truth, round(BYTES * longer * instants)
     rows = channels + _further_rows(declared, phases=phases, mechanics=mechanics)
     rows += channels * _sources(stage) if by_source else 0
     record_bytes = rows * samples * BYTES
-    parts = (*gears, *_parts(stage, declared, time_factor))
+    parts = (*gears, *_parts(stage, declared, longer))
     return Explanation(
         title=(
             f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {count(channels, 'channel')} "
@@ -181,8 +184,35 @@ def explain(
     )
 
 
-def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[Part]:
-    """Yield the parts of a scene other than its gears, from a copy compressed by `time_factor`."""
+def _with_opening(scene: Scene) -> tuple[PreparedScene, float]:
+    """Return a scene with the impacts and pulses of its opening only, and its revolutions over those of the latter.
+
+    Growth is accelerated, so that all lines are those of the scene.
+    """
+    rng_for = partial(random_stream, 0)
+    if scene.duration_s <= _OPENING_S:
+        return prepare_scene(scene, rng_for=rng_for), 1.0
+    drive = build_drive(scene, datum_turn=0.0, speed_rng=rng_for("speed"), torque_rng=rng_for("torque"))
+    turned = float(drive.angle.revolutions([scene.duration_s])[0])
+    few = _FEWEST_PULSES / scene.tachometer.pulses_per_rev / ratio_of(scene, scene.tachometer.link)
+    opening_s = max(_OPENING_S, float(drive.angle.times([few])[0])) if few < turned else scene.duration_s
+    faults = tuple(_growing_faster(fault, scene.duration_s / opening_s) for fault in scene.faults)
+    opening = scene.changed(duration_s=opening_s, faults=faults)
+    stage = prepare_scene(opening, rng_for=rng_for)
+    check_rate(scene, stage.families, drive)
+    instants_s = np.linspace(0.0, scene.duration_s, stage.instants_s.size)
+    speed_hz = drive.angle.speed_hz(instants_s)
+    stage = replace(stage, scene=scene, drive=drive, instants_s=instants_s, speed_hz=speed_hz)
+    return stage, turned / float(drive.angle.revolutions([opening_s])[0])
+
+
+def _growing_faster(fault: Fault, factor: float) -> Fault:
+    law = fault.growth
+    return fault if law is None else fault.changed(growth=law.changed(rate_mm_per_s=law.rate_mm_per_s * factor))
+
+
+def _parts(stage: PreparedScene, scene: Scene, longer: float) -> Iterator[Part]:
+    """Yield the parts of a scene other than its gears; its impacts and pulses are `longer` times as many."""
     top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
         name="speed",
@@ -200,7 +230,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
             seconds=samples * _PER_LINE * family.coefficients.shape[0],
         )
     for number, train in stage.trains:
-        yield _struck(stage, scene, number, train, time_factor)
+        yield _struck(stage, scene, number, train, longer)
     for transfer in scene.transfers:
         yield Part(name=transfer.source, what=f"its own path to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
@@ -211,7 +241,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
     spoilt = [name for name in errors if getattr(scene.tachometer, name)]
     yield Part(
         name="tachometer",
-        what=_counted(stage.pulses.times_s.size, time_factor, f"pulses of {scene.tachometer.link}"),
+        what=_counted(stage.pulses.times_s.size, longer, f"pulses of {scene.tachometer.link}"),
         why=", ".join(spoilt) or "exact",
     )
     yield from _outside(scene)
@@ -227,9 +257,9 @@ def _outside(scene: Scene) -> Iterator[Part]:
             yield Part(name=f"imperfections.{name}", what=given, why="as in real records")
 
 
-def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
+def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, longer: float) -> Part:
     """Return a train of impacts as a part."""
-    what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
+    what = _counted(train.revolutions.size, longer, "entries" if train.is_entry else "impacts")
     by_paths = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "measured transfer paths" if by_paths else f"excites {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {scene.faults[number].kind}: {rings}"
@@ -242,8 +272,8 @@ def _way(transfer: Transfer) -> str:
     return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
 
 
-def _counted(number: int, time_factor: float, things: str) -> str:
-    return f"{number} {things}" if time_factor == 1 else f"about {number * time_factor:.3g} {things}"
+def _counted(number: int, longer: float, things: str) -> str:
+    return f"{number} {things}" if longer == 1 else f"about {number * longer:.3g} {things}"
 
 
 def _gears(motion: Motion, choice: Choice) -> Iterator[Part]:

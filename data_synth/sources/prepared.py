@@ -191,7 +191,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
         meshes = {mesh.name for mesh in scene.gearbox.meshes}
         families = [family for family in families if family.source not in meshes]
         trains = [(number, train) for number, train in trains if train.source not in meshes]
-    _check_rate(scene, families, drive)
+    check_rate(scene, families, drive)
     sources = dict.fromkeys([family.source for family in families] + [train.source for _, train in trains])
     gains, paths = _gains(scene, [*sources], rng_for=rng_for), transfer_paths(scene)
     chains = [linear_chain(sensor, rate_hz=scene.rate_hz) for sensor in scene.sensors]
@@ -405,7 +405,7 @@ def _line_amplitudes(
     return np.asarray(found * _speed_factor(declared, scene, drive, instants_s))
 
 
-def _check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:
+def check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:
     """Raise SceneError if the highest line is above half the sampling rate."""
     top_hz = drive.angle.top_speed_hz(0.0, scene.duration_s)
     highest = max((float(family.orders[-1]) for family in families), default=0.0)

@@ -1,25 +1,18 @@
 """Explaining a long scene costs no more than a short one and is as true; what is too large is refused."""
 
+import math
+import re
 import sys
 import tracemalloc
-from functools import partial
 
-import numpy as np
 import pytest
 from counting import calls, recorded
 
 from data_synth import SceneError, cost, explain, load_scene, simulate
 from data_synth.cost import free_memory_bytes, refuse_too_large
-from data_synth.fidelity.time_compression import compressed, compression_factor
-from data_synth.scene.random_streams import random_stream
-from data_synth.sources.prepared import prepare_scene
 from hums.cli import main
 
 DAY_S = 86400.0
-
-
-def built(scene):
-    return prepare_scene(scene, rng_for=partial(random_stream, 0))
 
 
 def scenes():
@@ -39,32 +32,20 @@ def scenes():
 
 
 @pytest.mark.parametrize("name", scenes())
-def test_a_hastened_scene_has_the_lines_and_speeds_of_the_scene_and_its_share_of_turns(name):
+def test_a_long_scene_has_the_events_and_lines_of_its_parts(name, monkeypatch):
     scene = scenes()[name]
-    factor = compression_factor(scene)
-    assert factor == 6
-    whole, short = built(scene), built(compressed(scene, factor))
-    # the same formulas at the same shares of the duration; a run-up is integrated to 1e-9 or so
-    moments = np.linspace(0.0, 1.0, 101)
-    speeds = whole.drive.angle.speed_hz(moments * scene.duration_s)
-    np.testing.assert_allclose(short.drive.angle.speed_hz(moments * short.scene.duration_s), speeds, rtol=1e-6)
-    top = whole.drive.angle.top_speed_hz(0.0, scene.duration_s)
-    assert short.drive.angle.top_speed_hz(0.0, short.scene.duration_s) == pytest.approx(top, rel=1e-6)
-    assert [family.orders for family in short.families] == [family.orders for family in whole.families]
-    for mine, its in zip(short.families, whole.families, strict=True):
-        assert list(mine.nonzero) == list(its.nonzero)
-    # whole pulses and impacts at both ends; with slip, 1 % of each interval adds up to far less than one
-    assert short.pulses.times_s.size * factor == pytest.approx(whole.pulses.times_s.size, abs=2 * factor)
-    for (_, mine), (_, its) in zip(short.trains, whole.trains, strict=True):
-        assert mine.revolutions.size * factor == pytest.approx(its.revolutions.size, abs=5 * factor)
-
-
-def test_growth_reaches_the_same_sizes():
-    scene = scenes()["growth"]
-    whole, short = built(scene), built(compressed(scene, 6.0))
-    moments = np.linspace(0.0, 1.0, 11)
-    sizes = [stage.scene.faults[0].relative_size(moments * stage.scene.duration_s) for stage in (short, whole)]
-    np.testing.assert_allclose(*sizes, rtol=1e-12)
+    told = explain(scene)
+    monkeypatch.setattr(cost, "_OPENING_S", math.inf)
+    whole = explain(scene)
+    assert told.truth_bytes == pytest.approx(whole.truth_bytes, rel=0.01)
+    for mine, its in zip(told.parts, whole.parts, strict=True):
+        assert (mine.name, mine.why, mine.seconds) == (its.name, its.why, its.seconds)
+        if "pulses" in its.what or "impacts" in its.what:
+            # whole events at both ends of the opening, which is a sixth of the scene or less; three digits are printed
+            numbers = [float(re.search(r"[\d.e+]+", each.what)[0]) for each in (mine, its)]
+            assert numbers[0] == pytest.approx(numbers[1], rel=0.005, abs=10)
+        else:
+            assert mine.what == its.what
 
 
 @pytest.mark.parametrize("name", ["demo", "run-up"])
@@ -85,10 +66,9 @@ def test_a_day_is_explained_with_the_work_of_minutes_and_in_little_memory(name, 
     assert peak < 20e6  # 2 MB measured; the record has 35 GB
 
 
-def test_a_slow_shaft_is_hastened_only_as_far_as_its_tachometer_allows():
+def test_a_slow_shaft_is_explained_by_several_of_its_pulses():
     demo = load_scene("demo")
     slow = demo.changed(duration_s=3600.0, speed=demo.speed.changed(rpm=((0.0, 1.0),)), faults=())
-    assert compression_factor(slow) == pytest.approx(60 / 16)
     pulses = next(part for part in explain(slow).parts if part.name == "tachometer").what
     assert abs(float(pulses.split()[1]) - 60) <= 60 / 16
 
