@@ -5,7 +5,7 @@ and the variation of a stiffness, and the lag of lines behind a varying speed.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,13 +16,13 @@ from data_synth.fidelity.linear_response import (
     Response,
     ToothForces,
     obstacle,
-    period_of,
     response_of,
     tooth_forces,
     with_lines,
 )
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import SceneError
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.run import Motion
 
@@ -60,12 +60,14 @@ def chosen(motion: Motion) -> Choice:
         return Choice(linear=False, why="as declared")
     why = obstacle(motion)
     estimate = _Estimate(motion=motion)
-    if not why and estimate.teeth_part():
-        why = "teeth lose contact"
+    try:
+        why = why or ("teeth lose contact" if estimate.teeth_part() else "")
+    except SceneError as unstable:
+        why = str(unstable).partition(";")[0]
     if why:
         return Choice(linear=False, why=f"{why}, so the response is not linear")
     floor_db = scene.dynamics_or_default.floor_db
-    error_db = estimate.error_db(enough_db=floor_db - _MARGIN_DB)
+    error_db = estimate.error_db()
     apart = f"about {error_db:.0f} dB" if error_db > _NOTHING_DB else "nothing"
     return Choice(
         linear=error_db <= floor_db - _MARGIN_DB, why=f"the models differ by {apart}; {floor_db:g} dB is allowed"
@@ -84,7 +86,6 @@ class _Estimate:
     """Error of the linear response of gears, as mean powers in the channels, (sensor,)."""
 
     motion: Motion
-    _known: dict[int, tuple[ToothForces, list[_Place]]] = field(default_factory=dict, init=False)
 
     @cached_property
     def _response(self) -> Response:
@@ -98,25 +99,21 @@ class _Estimate:
             return [0]
         return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
 
-    def _excited_by(self, mesh: int) -> tuple[ToothForces, list[_Place]]:
-        """Return the exciting force of a mesh, and its lines at every instant."""
-        if mesh not in self._known:
-            instants, speed_hz = self._instants, self.motion.stage.speed_hz
-            force = tooth_forces(self.motion, self.motion.system.meshes[mesh].name, points=COARSE)
-            lines = self._response.excitations(force, instants).T
-            both = zip(instants, lines, strict=True)
-            places = [(mesh, instant, force.orders * speed_hz[instant], excitation) for instant, excitation in both]
-            self._known[mesh] = force, places
-        return self._known[mesh]
-
     @cached_property
     def _forces(self) -> list[ToothForces]:
-        return [self._excited_by(mesh)[0] for mesh in range(len(self.motion.system.meshes))]
+        return [tooth_forces(self.motion, mesh.name, points=COARSE) for mesh in self.motion.system.meshes]
 
     @cached_property
     def _places(self) -> list[_Place]:
         """Every mesh at every instant."""
-        return [place for mesh in range(len(self._forces)) for place in self._excited_by(mesh)[1]]
+        speed_hz = self.motion.stage.speed_hz
+        return [
+            (mesh, instant, force.orders * speed_hz[instant], excitation)
+            for mesh, force in enumerate(self._forces)
+            for instant, excitation in zip(
+                self._instants, self._response.excitations(force, self._instants).T, strict=True
+            )
+        ]
 
     @cached_property
     def _transfers(self) -> list[ComplexArray]:
@@ -134,39 +131,28 @@ class _Estimate:
         return np.asarray(np.sum(powers, axis=0) / len(self._instants))
 
     def teeth_part(self) -> bool:
-        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force.
+        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force."""
+        static_n, means = np.abs(self.motion.static_n), self._response.means
+        if any(np.min(force.stiffness) < MIN_STIFFNESS * means[mesh] for mesh, force in enumerate(self._forces)):
+            return True
+        total = np.zeros(static_n.shape)
+        for place in self._places:
+            lines = means[:, None] * self._deflections(place)
+            lines[place[0]] += place[-1]  # k (d - e) = k_mean d + q
+            total[:, place[1]] += np.sum(np.abs(lines), axis=1)
+        free = [mesh.backlash_m > 0 for mesh in self.motion.system.meshes]
+        return bool(np.any((total >= static_n)[free][:, self._instants]))
 
-        Meshes that repeat after few cycles have few lines, and come first.
-        """
-        static_n, meshes = np.abs(self.motion.static_n), self.motion.system.meshes
-        total, free = np.zeros(static_n.shape), [mesh.backlash_m > 0 for mesh in meshes]
-        for mesh in sorted(range(len(meshes)), key=lambda number: period_of(meshes[number])):
-            force, places = self._excited_by(mesh)
-            if np.min(force.stiffness) < MIN_STIFFNESS * self._response.means[mesh]:
-                return True
-            for place in places:
-                lines = self._response.means[:, None] * self._deflections(place)
-                lines[mesh] += place[-1]  # k (d - e) = k_mean d + q
-                total[:, place[1]] += np.sum(np.abs(lines), axis=1)
-            if np.any((total >= static_n)[free][:, self._instants]):
-                return True
-        return False
-
-    def error_db(self, *, enough_db: float) -> float:
-        """Return the relative RMS error of the worst channel in dB; above `enough_db` only a lower bound."""
+    def error_db(self) -> float:
+        """Return the relative RMS error of the worst channel in dB."""
         both = zip(self._transfers, self._places, strict=True)
         power = self._mean([transfer * excitation for transfer, (*_, excitation) in both])
-        error, error_db = np.zeros(power.size), -math.inf
-        for part in (self._lag, self._other_variation):
-            error = error + part()
-            with np.errstate(divide="ignore"):
-                ratio = math.sqrt(np.max(error[error > 0] / power[error > 0], initial=0.0))
-            # further terms as in a geometric series
-            ratio = ratio / (1 - ratio) if ratio < 1 else math.inf
-            error_db = 20 * math.log10(ratio) if ratio > 0 else -math.inf
-            if error_db > enough_db:
-                break
-        return error_db
+        error = self._lag() + self._other_variation()
+        with np.errstate(divide="ignore"):
+            ratio = math.sqrt(np.max(error[error > 0] / power[error > 0], initial=0.0))
+        # further terms as in a geometric series
+        ratio = ratio / (1 - ratio) if ratio < 1 else math.inf
+        return 20 * math.log10(ratio) if ratio > 0 else -math.inf
 
     def _other_variation(self) -> Array:
         """Return the error by the product of a mesh stiffness and the vibration due to other meshes.

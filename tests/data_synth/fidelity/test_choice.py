@@ -191,6 +191,15 @@ def test_what_has_no_linear_response_is_integrated(changes, why):
     assert part.why.startswith(f"dynamic: {why}")
 
 
+def test_parametric_resonance_is_integrated():
+    # at twice the highest natural frequency, 6457 rpm, of the equations above
+    mesh = {"shape": "fourier", "stiffness_n_m": 8e7, "harmonics_n_m": [[3.2e7, 0.0]], "backlash_um": 0}
+    scene = pair(mesh=mesh, rate_hz=100_000, speed={"link": "pinion", "rpm": 6457})
+    scene = scene.changed(dynamics=scene.dynamics.changed(damping_ratio=0.001))
+    part = next(part for part in explain(scene).parts if part.name == "fidelity")
+    assert part.why.startswith('dynamic: the stiffness of "mesh" makes its vibration grow at 6457 rpm')
+
+
 def test_what_is_inside_gears_of_a_linear_response_is_refused():
     with pytest.raises(SceneError, match=r'mechanics = True .* linear response; set fidelity = "dynamic"'):
         simulate(demo(EVEN, duration_s=0.1), seed=1, mechanics=True)
