@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_synth.dynamics.modes import undamped_modes
-from data_synth.dynamics.system import Array, System
-from data_synth.gears.transmission_error import TransmissionError
+from data_synth.dynamics.system import Array, Mesh, System
 from data_synth.integrators.problem import Load, State
 from data_synth.operation.drive import Drive
 from data_synth.scene.operation import RunUp
@@ -69,17 +68,18 @@ class DriveLoad:
         if self.at_rest and time_s == 0 and not eased:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
         speed_hz = drive.angle.speed_hz(np.array([time_s]))
-        displacement = static_deflection(system, self.forces(speed_hz, np.array([time_s]))[0], errors_m=errors_m)
-        return State(displacement=displacement, velocity=self.velocities(speed_hz)[0])
+        force = self.forces(speed_hz, np.array([time_s])).T
+        displacement, _ = static_deflection(system, force, errors_m=errors_m)
+        return State(displacement=displacement[:, 0], velocity=self.velocities(speed_hz)[0])
 
     def jumps(self, system: System, drive: Drive) -> tuple[tuple[float, State], ...]:
         """Return the times in s, after time zero, at which the load jumps, and how far the static deflection does."""
         found, knots_s = [], knots_of(drive)
         for time_s in knots_s[knots_s > 0].tolist():
             sides_s = np.array([time_s - 2 * _INSTANT_S, time_s + 2 * _INSTANT_S])
-            before, after = (self.forces(drive.angle.speed_hz(side), side)[0] for side in np.split(sides_s, 2))
-            if np.max(np.abs(after - before)) > _JUMP * np.max(np.abs([before, after])):
-                change = static_deflection(system, after) - static_deflection(system, before)
+            forces = np.vstack([self.forces(drive.angle.speed_hz(side), side) for side in np.split(sides_s, 2)])
+            if np.max(np.abs(forces[1] - forces[0])) > _JUMP * np.max(np.abs(forces)):
+                change = np.diff(static_deflection(system, forces.T)[0])[:, 0]
                 found.append((time_s, State(displacement=change, velocity=0 * change)))
         return tuple(found)
 
@@ -135,53 +135,34 @@ def knots_of(drive: Drive) -> Array:
     return np.unique(np.concatenate([torque_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
 
-def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0) -> Array:
-    """Return the static elastic deflection (dof,) under a force (dof,), teeth in contact at mean stiffness.
+def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0) -> tuple[Array, Array]:
+    """Return the elastic displacements (dof, n) and mesh forces (mesh, n) under forces (dof, n), at mean stiffness.
 
-    `errors_m` (mesh,) are their transmission errors.
-
-    It excludes the rigid-body acceleration due to the force.
+    `errors_m` (mesh,) are the transmission errors that closed teeth follow. Their forces are not zero where meshes
+    close a loop: a planet ahead of its position takes load from the others. With ``a = Phi (Phi' F / omega^2)`` over
+    the elastic modes, forces that accelerate the rigid motion are balanced by the inertias.
     """
-    means, compliance = np.array([mesh.stiffness.mean for mesh in system.meshes]), _compliance(system)
-    deflection = compliance @ force
-    rows = np.array([mesh.direction for mesh in system.meshes])
-    pressed = means * (rows @ deflection)
-    pressed[np.abs(pressed) < _NO_LOAD * np.max(np.abs(pressed), initial=0.0)] = 0.0  # they hang between their flanks
-    # contact begins at half the backlash and an error further: the same forces at another deflection
-    gaps = np.array([mesh.backlash_m for mesh in system.meshes])
-    shifts = gaps * np.sign(pressed) + np.where((pressed != 0) | (gaps == 0), errors_m, 0.0)
-    return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
-
-
-def static_displacements(
-    stage: PreparedScene, system: System, drive_load: DriveLoad, *, errors: bool
-) -> tuple[Array, Array]:
-    """Return elastic displacements (dof, instant) and mesh forces (mesh, instant) under the load, at mean stiffness.
-
-    At the instants of the truth; with ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which
-    accelerate the rigid motion are balanced by the inertias. With `errors`, the means of transmission errors contribute
-    too; their forces are not zero where meshes close a loop: a planet ahead of its position takes load from the others.
-    """
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])[:, None]
-    rows = np.array([mesh.direction for mesh in system.meshes])
-    errors_m = np.array([[_mean_error_m(mesh.error) * errors] for mesh in system.meshes])
-    force = drive_load.forces(stage.speed_hz, stage.instants_s).T + rows.T @ (means * errors_m)
-    displacements = _compliance(system) @ force
-    return displacements, means * (rows @ displacements - errors_m)
-
-
-def _compliance(system: System) -> Array:
-    """Return the elastic displacements per force, (dof, dof), with teeth in contact at mean stiffness."""
-    angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
     elastic = shapes[:, angular > 0] / angular[angular > 0]
-    return np.asarray(elastic @ elastic.T)
+    compliance = elastic @ elastic.T
+    deflection = compliance @ force
+    rows, means = np.array([mesh.direction for mesh in system.meshes]), means[:, None]
+    pressed = means * (rows @ deflection)
+    pressed[np.abs(pressed) < _NO_LOAD * np.max(np.abs(pressed), axis=0)] = 0.0  # they hang between their flanks
+    # contact begins at half the backlash and an error further: the same forces at another deflection
+    gaps = np.array([[mesh.backlash_m] for mesh in system.meshes])
+    errors = np.broadcast_to(errors_m, gaps.size)[:, None]
+    shifts = gaps * np.sign(pressed) + np.where((pressed != 0) | (gaps == 0), errors, 0.0)
+    displacement = deflection + compliance @ (rows.T @ (means * shifts))
+    return displacement, means * (rows @ displacement - shifts)
 
 
-def _mean_error_m(error: TransmissionError | None) -> float:
-    """Return the mean of a transmission error over its period, from eight values per cycle."""
-    if error is None:
+def mean_error_m(mesh: Mesh) -> float:
+    """Return the mean of the transmission error of a mesh over its period, from eight values per cycle."""
+    if mesh.error is None:
         return 0.0
-    return float(np.mean(error(np.arange(_VALUES * error.period) / _VALUES)))
+    return float(np.mean(mesh.error(np.arange(_VALUES * mesh.error.period) / _VALUES)))
 
 
 def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:

@@ -29,7 +29,8 @@ from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_torques import (
     DriveLoad,
     drive_load_of,
-    static_displacements,
+    mean_error_m,
+    static_deflection,
 )
 from data_synth.vibration.meshes import Gears, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
@@ -266,22 +267,6 @@ class Motion:
         """Static force of each mesh at the instants of the truth, (mesh, instant) N."""
         return np.array([*self.sensor_forces.static_n.values()])
 
-    @cached_property
-    def static_readings(self) -> Array | None:
-        """Static part of readings of declared paths, (route, instant) N, zero for others; None without such a route.
-
-        Without free vibration it is that of all routes: a housing would respond to its jumps.
-        """
-        declared = np.array([route.path is not None or self.eased for route in self.sensor_forces.routes])
-        if not declared.any():
-            return None
-        maps, errors = self.output.maps, self.sensor_forces.rotate
-        displacements, forces = static_displacements(self.stage, self.system, self.drive_load, errors=errors)
-        readings = maps["displacement"] @ displacements
-        if "mesh_force" in maps:
-            readings += maps["mesh_force"] @ forces
-        return np.asarray(readings[: declared.size] * declared[:, None])
-
     def channels(self, *, samples: int) -> Iterator[Array]:
         """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.
 
@@ -291,8 +276,7 @@ class Motion:
             If the integration fails.
         """
         scene = self.stage.scene
-        late_s = self.eased / (2 * self.output.rate_hz)
-        sensor_forces = replace(self.sensor_forces, static_readings=self.static_readings, late_s=late_s)
+        sensor_forces = replace(self.sensor_forces, late_s=self.eased / (2 * self.output.rate_hz))
         filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in sensor_forces.routes]
         weighted, delay = _WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
         if weighted is not None:
@@ -435,7 +419,8 @@ def prepare_gears(stage: PreparedScene) -> Gears:
     healthy = stage.without_faults()
     gears = gears_of(healthy, kinematics)
     system = excited_dofs_of(assembly_of(healthy, gears)).system
-    _, forces = static_displacements(healthy, system, drive_load_of(healthy, kinematics, system), errors=False)
+    load = drive_load_of(healthy, kinematics, system)
+    _, forces = static_deflection(system, load.forces(healthy.speed_hz, healthy.instants_s).T)
     named = zip(system.meshes, forces, strict=True)
     return gears_of(stage, kinematics, static_n={mesh.name: float(np.mean(np.abs(each))) for mesh, each in named})
 
@@ -473,10 +458,16 @@ def motion_of(stage: PreparedScene) -> Motion:
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
-    # planets with position errors carry more or less of the load
-    _, static_n = static_displacements(stage, system, acting, errors=sensor_forces.rotate)
-    by_mesh = {mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
-    sensor_forces = replace(sensor_forces, static_n=by_mesh)
+    errors_m = [mean_error_m(mesh) for mesh in system.meshes]
+    displacements, static_n = static_deflection(
+        system, acting.forces(stage.speed_hz, stage.instants_s).T, errors_m=errors_m
+    )
+    maps, statics = sensor_forces.output.maps, {"displacement": displacements, "mesh_force": static_n}
+    sensor_forces = replace(
+        sensor_forces,
+        static_n={mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)},
+        static_readings=np.sum([maps[name] @ value for name, value in statics.items() if name in maps], axis=0),
+    )
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),

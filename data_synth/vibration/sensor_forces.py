@@ -228,12 +228,12 @@ class SensorForces:
         Revolutions per revolution of the reference, and initial angle in revolutions.
     static_n : mapping of mesh to (instant,) array
         Static mesh forces under the load at the instants of the truth, without omitted meshes.
-    static_readings : (route, instant) array, or None
-        Static part of the readings of declared paths, zero for others, which is subtracted: an accelerometer does not
-        measure it, but a mode of unit static gain would transmit it. None without declared paths.
+    static_readings : (reading, instant) array
+        Static part of the readings. It is subtracted on declared paths: an accelerometer does not measure it, but a
+        mode of unit static gain would transmit it.
     late_s : float
-        Delay of static forces: half a sample where displacements jump after the sample nearest to a
-        jump of the load.
+        Delay of static forces: half a sample where displacements jump after the sample nearest to a jump of the load.
+        If not zero, they are subtracted on all routes: a housing would respond to the jumps.
     """
 
     stage: PreparedScene = field(repr=False)
@@ -244,7 +244,7 @@ class SensorForces:
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
     static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
-    static_readings: Array | None = field(default=None, repr=False)
+    static_readings: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)
     late_s: float = 0.0
 
     @property
@@ -255,10 +255,11 @@ class SensorForces:
     def forces(self, readings: Array, *, times_s: Array) -> Array:
         """Return the forces (n, routes) in N from readings (n, readings)."""
         count = len(self.routes)
-        if self.static_readings is not None:
-            readings = readings.copy()
-            for route, static in enumerate(self.static_readings):
-                readings[:, route] -= np.interp(times_s - self.late_s, self.stage.instants_s, static)
+        readings = readings.copy()
+        for number, route in enumerate(self.routes):
+            if route.path is not None or self.late_s:
+                static = self.static_readings[number]
+                readings[:, number] -= np.interp(times_s - self.late_s, self.stage.instants_s, static)
         if not self.rotate:
             return readings
         sensed = readings[:, :count].copy()

@@ -270,7 +270,7 @@ def test_a_speed_that_jumps_is_refused():
 def test_the_start_is_the_equilibrium_of_closed_teeth():
     ready = motion(scene(mesh={"backlash_um": 50}))
     force = ready.drive_load.load.constant
-    moved = static_deflection(ready.system, force)
+    moved = static_deflection(ready.system, force[:, None])[0][:, 0]
     mean = ready.system.meshes[0].stiffness.mean
     pressed = 130 / BASE[1]
     assert mean * (ready.system.meshes[0].direction @ moved - 25e-6) == pytest.approx(pressed, rel=1e-9)
