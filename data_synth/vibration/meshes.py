@@ -1,7 +1,7 @@
 """Mesh stiffness and transmission error of a scene's gears, tooth damage included."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -463,14 +463,3 @@ def _by_strain_energy(contact: Contact, mean: float | None, damaged: list[Damage
         compliance=teeth.compliance * softer,
         damaged=tuple((count, tooth, edges, added * softer) for count, tooth, edges, added in teeth.damaged),
     )
-
-
-def tooth_passes(
-    stage: PreparedScene, teeth: Teeth, *, cycles_per_rev: float, stop_s: float
-) -> Iterator[tuple[int, Array, float]]:
-    """Yield fault number, times in s of mid-contact, and half a contact duration in rev, for each damaged tooth."""
-    begin, end = stage.drive.angle.revolutions([0.0, stop_s]) * cycles_per_rev
-    for number, first, every, ratio in teeth.passes:
-        turns = np.arange(math.ceil((begin - first) / every), math.floor((end - first) / every) + 1)
-        revolutions = (first + every * turns) / cycles_per_rev
-        yield number, stage.drive.angle.times(revolutions), ratio / 2 / cycles_per_rev

@@ -25,6 +25,7 @@ from data_synth.scene.faults import LOSING_CONTACT, GearFault
 from data_synth.scene.gear_dynamics import SupportDynamics
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
+from data_synth.sources.families import last_s
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_torques import (
     DriveLoad,
@@ -32,7 +33,7 @@ from data_synth.vibration.gear_torques import (
     mean_error_m,
     static_deflection,
 )
-from data_synth.vibration.meshes import Gears, gears_of, kinematics_of, tooth_passes
+from data_synth.vibration.meshes import Gears, gears_of, kinematics_of
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
 from hums.gearbox.kinematics import Kinematics
 
@@ -515,14 +516,15 @@ def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
 
     A tooth of a sun or ring passes one planet after the other.
     """
-    scene = motion.stage.scene
-    last_s = (scene.samples - 1) / scene.rate_hz
-    cycles = {mesh.name: mesh.cycles_per_rev for mesh in motion.system.meshes}
-    found: dict[int, tuple[Array, float]] = {}
-    for name, teeth in motion.gears.teeth.items():
-        for number, times_s, half_rev in tooth_passes(motion.stage, teeth, cycles_per_rev=cycles[name], stop_s=last_s):
-            before = found.get(number, (np.empty(0), half_rev))[0]
-            found[number] = np.sort(np.concatenate([before, times_s])), half_rev
+    angle, found = motion.stage.drive.angle, dict[int, tuple[Array, float]]()
+    ends_rev = angle.revolutions([0.0, last_s(motion.stage.scene)])
+    for mesh in motion.system.meshes:
+        begin, end = ends_rev * mesh.cycles_per_rev
+        for number, first, every, ratio in motion.gears.teeth[mesh.name].passes:
+            turns = np.arange(math.ceil((begin - first) / every), math.floor((end - first) / every) + 1)
+            times_s = angle.times((first + every * turns) / mesh.cycles_per_rev)
+            before_s, _ = found.get(number, (np.empty(0), 0.0))
+            found[number] = np.sort(np.concatenate([before_s, times_s])), ratio / 2 / mesh.cycles_per_rev
     return found
 
 

@@ -32,7 +32,7 @@ from data_synth.scene.sensors import Sensor
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import linear_chain, measured_filter
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
-from data_synth.transfer.paths import FirFilter, MeasuredPath, TransferPath, transfer_paths
+from data_synth.transfer.paths import MeasuredPath, TransferPath, transfer_paths
 
 # ---- Transfer routes from gears to sensors: through the housing, or by declared paths from single links ----
 # A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
@@ -72,7 +72,8 @@ class Route:
         chain = linear_chain(sensor, rate_hz=scene.rate_hz)
         if isinstance(self.path, MeasuredPath):
             fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)
-            return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
+            # it starts at rest, since the static part of the force is subtracted
+            return RouteFilter(push=lambda force, **_: fir.push(force), lag=round(fir.delay_s * rate_hz))
         way = housing_of(scene, sensor, elastic=self.elastic) if self.path is None else chain
         filter_ = PoleFilter(way, rate_hz=rate_hz, sensor=sensor.name, before=self.path)
         return RouteFilter(push=filter_.push, lag=AHEAD)
@@ -94,21 +95,6 @@ class RouteFilter:
         joined = np.concatenate([self._kept if self._kept.size else np.full(extra_lag, now[0]), now])
         self._kept = joined[now.size :]
         return joined[: now.size]
-
-
-class _StartingConstant:
-    """A FIR filter whose input was constant before its first sample."""
-
-    def __init__(self, fir: FirFilter) -> None:
-        self._filter, self._static_gain = fir, float(np.sum(fir.taps))
-        self._first: float | None = None
-
-    def push(self, force: Array, *, at_once: Array) -> Array:
-        """Return the response (n,) to the next n samples; `at_once` is for filters with a direct feedthrough."""
-        del at_once
-        if self._first is None:
-            self._first = float(force[0])
-        return self._filter.push(force - self._first) + self._static_gain * self._first
 
 
 def routes_of(scene: Scene) -> tuple[Route, ...]:
