@@ -298,18 +298,14 @@ def _stiffness_tables(
         mesh = meshes[number]
         first.append(of_force(mesh.stiffness, friction))
         stages = mesh.history.stiffnesses if mesh.history else ()
-        changes = any(stage is not mesh.stiffness for stage in stages)
-        later.append([of_force(stage, friction) for stage in stages[1:]] if changes else [])
+        later.append([of_force(stage, friction) for stage in stages[1:]])
     return _tables(first, later)
 
 
 def _error_tables(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
     """Return the tables of the transmission error of each mesh, and the number of the second table of each history."""
-    later = []
-    for mesh in meshes:
-        stages = mesh.history.errors if mesh.history else ()
-        changes = any(stage is not mesh.error for stage in stages)
-        later.append([stage or _NO_ERROR for stage in stages[1:]] if changes else [])
+    histories = [mesh.history.errors if mesh.history else () for mesh in meshes]
+    later = [[stage or _NO_ERROR for stage in stages[1:]] for stages in histories]
     return _tables([mesh.error or _NO_ERROR for mesh in meshes], later, misfit=FIT_ERROR, integrals=False)
 
 

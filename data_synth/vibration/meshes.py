@@ -1,9 +1,8 @@
 """Mesh stiffness and transmission error of a scene's gears, tooth damage included."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from data_synth.gears.mesh_stiffness import (
     Trapezoidal,
 )
 from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPair, helical, teeth_in_mesh
-from data_synth.gears.transmission_error import PitchError, ProfileError, SumOfErrors, TransmissionError
+from data_synth.gears.transmission_error import PitchError, SumOfErrors, TransmissionError
 from data_synth.kinematic.imperfect_parts import gear_deviations_m, planet_displacements_m
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
@@ -189,39 +188,51 @@ def _teeth(
     healthy = _healthy_errors(stage, kinematics, contact, declared)
     overlap = contact.equivalent_pair.overlap_ratio
     healthy += modification_errors(sharing, stiffness_too=shape == "teeth", overlap_ratio=overlap)
+    stiffnesses, errors = list[Stiffness](), list[SumOfErrors]()
     try:
-        stiffnesses = _stiffnesses(scene, contact, broken, stages, sharing, by_cycles=later)
-        errors = _errors(scene, contact, broken, stages, sharing, healthy=healthy, by_cycles=later)
+        for damage in stages:
+            damaged, parts = modified_teeth(sharing), [*healthy]
+            for item, each in zip(broken, damage, strict=True):
+                gear, first = item.gear, item.first
+                damaged += damaged_teeth(each, gear=gear, first=first, sharing=sharing)
+                parts[:0] = transmission_errors(
+                    each,
+                    pair=contact.equivalent_pair,
+                    gear=gear,
+                    first=first,
+                    sharing=sharing,
+                    stiffness_too=shape == "teeth",
+                )
+            stiffnesses.append(_stiffness(scene, contact, damaged, by_cycles=later))
+            errors.append(SumOfErrors(parts=tuple(parts), by_cycles=later))
     except SceneError:
         raise
     except ValueError as caught:
         names = [f"fault {item.number + 1}, {scene.faults[item.number].kind}" for item in broken]
         raise SceneError(f'{" and ".join(names)} of mesh "{contact.mesh}": {caught}.') from None
     late = float(planet_phase_lag(kinematics, contact))
-    grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
+    given = any(each.parts for each in errors)
+    history = (
+        MeshHistory(
+            times_s=times_s,
+            stiffnesses=tuple(Shifted(of=each, by_cycles=-late % each.period) for each in stiffnesses),
+            errors=tuple(
+                SumOfErrors(parts=(each,), by_cycles=-late % each.period) if given else None for each in errors
+            ),
+        )
+        if len(stages) > 1
+        else None
+    )
     return Teeth(
         properties=MeshProperties(
             stiffness=stiffnesses[0],
-            error=errors[0],
+            error=errors[0] if given else None,
             backlash_m=_backlash_m(declared, contact) / 2,
             friction_coefficient=declared.friction_coefficient,
             friction_cycles=later,
         ),
         passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
-        history=_history(times_s, stiffnesses, errors, late=late) if grows else None,
-    )
-
-
-def _history(
-    times_s: Array, stiffnesses: Sequence[Stiffness], errors: Sequence[TransmissionError | None], *, late: float
-) -> MeshHistory:
-    """Return growing damage delayed by `late` cycles; identical objects remain identical."""
-    softer = {id(each): Shifted(of=each, by_cycles=-late % each.period) for each in stiffnesses}
-    further = {id(each): each and SumOfErrors(parts=(each,), by_cycles=-late % each.period) for each in errors}
-    return MeshHistory(
-        times_s=times_s,
-        stiffnesses=tuple(softer[id(each)] for each in stiffnesses),
-        errors=tuple(further[id(each)] for each in errors),
+        history=history,
     )
 
 
@@ -264,38 +275,6 @@ def _backlash_m(declared: MeshDynamics, contact: Contact) -> float:
     return _UM * declared.backlash_um
 
 
-def _errors(
-    scene: Scene,
-    contact: Contact,
-    broken: Sequence[_Broken],
-    stages: Sequence[Sequence[GearDamage]],
-    sharing: LoadSharing | None,
-    *,
-    healthy: Sequence[TransmissionError],
-    by_cycles: float,
-) -> tuple[TransmissionError | None, ...]:
-    """Return the transmission error of each stage of growth, sharing equal ones; `healthy` without damage."""
-    own = _shape(scene, contact) == "teeth"
-
-    def summed(damage: Sequence[GearDamage]) -> SumOfErrors | None:
-        parts = [*healthy]
-        for item, each in zip(broken, damage, strict=True):
-            parts[:0] = transmission_errors(
-                each,
-                pair=contact.equivalent_pair,
-                gear=item.gear,
-                first=item.first,
-                sharing=sharing,
-                stiffness_too=own,
-            )
-        return SumOfErrors(parts=tuple(parts), by_cycles=by_cycles) if parts else None
-
-    found = _of_stages(stages, lambda each: (*_lost(each), each.runout_m), summed)
-    if any(each is not None for each in found):  # a missing tooth has none
-        return tuple(each or ProfileError(harmonics_m=np.zeros(1, dtype=np.complex128)) for each in found)
-    return found
-
-
 def _healthy_errors(
     stage: PreparedScene, kinematics: Kinematics, contact: Contact, declared: MeshDynamics
 ) -> list[TransmissionError]:
@@ -327,43 +306,6 @@ def _healthy_errors(
 def _named(scene: Scene, instance: str) -> str | None:
     """Return the declared link of which a link is a copy, or None."""
     return next((link for link in scene.gearbox.copied if instance in scene.gearbox.instances(link)), None)
-
-
-def _lost(damage: GearDamage) -> tuple[object, ...]:
-    """Return the part of the damage that makes tooth pairs lose contact."""
-    parts = damage.contact_fraction, damage.removed_m, damage.broken_m, damage.crack_m
-    return *(part.tobytes() for part in parts), damage.profile_m, damage.spall_growth
-
-
-def _stiffnesses(
-    scene: Scene,
-    contact: Contact,
-    broken: Sequence[_Broken],
-    stages: Sequence[Sequence[GearDamage]],
-    sharing: LoadSharing | None,
-    *,
-    by_cycles: float,
-) -> tuple[Stiffness, ...]:
-    """Return the stiffness of each stage of growth, sharing equal ones."""
-
-    def softened(damage: Sequence[GearDamage]) -> Stiffness:
-        damaged = modified_teeth(sharing)
-        for item, each in zip(broken, damage, strict=True):
-            damaged += damaged_teeth(each, gear=item.gear, first=item.first, sharing=sharing)
-        return _stiffness(scene, contact, damaged, by_cycles=by_cycles)
-
-    return _of_stages(stages, _lost, softened)
-
-
-def _of_stages(
-    stages: Sequence[Sequence[GearDamage]],
-    key: Callable[[GearDamage], tuple[object, ...]],
-    make: Callable[[Sequence[GearDamage]], Any],
-) -> tuple[Any, ...]:  # which `make` makes
-    """Return the result of `make` for each stage of growth, computed once for equal keys."""
-    keys = [tuple(map(key, damage)) for damage in stages]
-    made = {own: make(damage) for own, damage in dict(zip(keys, stages, strict=True)).items()}
-    return tuple(made[own] for own in keys)
 
 
 def _shape(scene: Scene, contact: Contact) -> str:
