@@ -310,21 +310,21 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
     rows = _Readings(whole, excited)
     window, rotating, passing = pass_window(scene), [], []
-    every, presses = routes_of(scene), pressing_bodies(whole)
+    every = routes_of(scene)
     of_each = [route_gains(scene, whole, route, every) for route in every]
-    felt = [window is not None or any(own[body] for body in presses) for own in of_each]
-    felt[0] |= not any(felt)  # no force acts on a housing without bearings, but it has a channel
+    felt = [window is not None or any(gains.values()) for gains in of_each]
     routes, weights = tuple(compress(every, felt)), list(compress(of_each, felt))
-    directions_of_sensors = [_sensitive_direction(stage, whole, sensor) for sensor in scene.sensors]
-    directions = [directions_of_sensors[route.number] for route in routes]
+    of_sensors = [_along(whole, sensitive_direction(sensor, rng_for=stage.rng_for)) for sensor in scene.sensors]
+    directions = [of_sensors[route.number] for route in routes]
     rings = [window is None or (route.source is None and not route.elastic) for route in routes]
     for along, gains, ring in zip(directions, weights, rings, strict=True):
-        rows.add(along, gains, frame=parts.frame, ring=ring, axial=frames)
+        upright = np.array([0.0, 0.0, along[2]])
+        rows.add({**dict.fromkeys(frames, upright), parts.frame: along}, gains, ring=ring)
     for carrier in frames:
         for number, (along, gains, ring) in enumerate(zip(directions, weights, rings, strict=True)):
             x, y, _ = along
-            first = rows.add(np.array([x, y, 0.0]), gains, frame=carrier, ring=ring)
-            second = rows.add(np.array([y, -x, 0.0]), gains, frame=carrier, ring=ring)
+            first = rows.add({carrier: np.array([x, y, 0.0])}, gains, ring=ring)
+            second = rows.add({carrier: np.array([y, -x, 0.0])}, gains, ring=ring)
             rotating.append(RotatingReading(route=number, first=first, second=second, carrier=carrier))
     if window is not None:
         for contact in parts.contacts:
@@ -373,18 +373,6 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
     )
 
 
-def pressing_bodies(whole: Assembly) -> set[str]:
-    """Return the bodies that exert forces on the frame: those on translational springs, and the frame if geared."""
-    parts, index = whole.parts, whole.coordinates.index
-    held = np.any([spring.direction != 0 for spring in whole.grounded], axis=0) if whole.grounded else []
-    return {
-        body
-        for body in (*parts.kinematics.joints, *parts.elastic_links)
-        for piece in (parts.piece(body, frame) for frame in parts.frames(body))
-        if any((piece, motion) in index and held[index[piece, motion]] for motion in "xyz")
-    } | ({parts.frame} if whole.on_frame else set())
-
-
 def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Array, Array]:
     """Return the forces of the supports of each body on the frame along x, y and z of the gearbox, as output maps.
 
@@ -400,9 +388,8 @@ def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Ar
         if parts.frame not in parts.frames(body):
             continue
         for axis, unit in zip("xyz", np.eye(3), strict=True):
-            along = np.asarray(parts.space @ unit)
-            along[np.abs(along) < _ALONG] = 0.0
-            rows.add(along, {other: float(other == body) for other in bodies}, frame=parts.frame, ring=False)
+            gains = {other: float(other == body) for other in bodies}
+            rows.add({parts.frame: _along(whole, unit)}, gains, ring=False)
             names.append(f"{body}, {axis}")
     displacement, velocity, _ = rows.maps
     nonzero = np.any(np.hstack([displacement, velocity]) != 0, axis=1)
@@ -413,33 +400,35 @@ class _Readings:
     """Output maps of motion and mesh forces, added one by one."""
 
     def __init__(self, whole: Assembly, excited: ExcitedDofs) -> None:
-        self._whole, self._numbers, self._coordinates = whole, excited.numbers, whole.coordinates
+        self._whole, self._numbers, dofs = whole, excited.numbers, len(whole.coordinates.names)
         self._names = [mesh.name for mesh in whole.system.meshes]
         self._rows = list[tuple[Array, Array, Array]]()
+        self._springs, self._dampers = np.zeros((2, dofs, dofs))
+        for spring in whole.grounded:
+            between = np.outer(spring.direction, spring.direction)
+            self._springs += spring.stiffness * between
+            self._dampers += spring.damping * between
 
-    def add(
-        self, along: Array, weights: dict[str, float], *, frame: str, ring: bool, axial: list[str] | None = None
-    ) -> int:
-        """Add the force along a direction of all bodies with coordinates in `frame`, and return its number.
+    def add(self, directions: Mapping[str, Array], gains: dict[str, float], *, ring: bool) -> int:
+        """Add the forces of the supports along the directions of the frames of their bodies, and return its number.
 
-        The axial forces in the `axial` frames are added to it.
+        With `ring` also those of meshes on gears of the frame.
         """
-        displacement, velocity = np.zeros((2, len(self._coordinates.names)))
-        mesh_force = np.zeros(len(self._names))
-        parts, upright = self._whole.parts, np.array([0.0, 0.0, along[2]])
+        parts, mesh_force = self._whole.parts, np.zeros(len(self._names))
+        sensed = np.zeros(self._springs.shape[0])
         for body in (*parts.kinematics.joints, *parts.elastic_links):
-            for each in parts.frames(body):
-                sensed = along if each == frame else upright if each in (axial or ()) else None
-                if sensed is not None and sensed.any():
-                    bearing = self._bearing(parts.piece(body, each), sensed)
-                    displacement += weights[body] * bearing[0]
-                    velocity += weights[body] * bearing[1]
+            for frame in parts.frames(body):
+                for share, motion in zip(directions.get(frame, ()), "xyz", strict=False):
+                    number = self._whole.coordinates.index.get((parts.piece(body, frame), motion))
+                    if number is not None:
+                        sensed[number] += gains[body] * share
         for contact in parts.contacts if ring else ():
-            sensed = along if contact.carrier == frame else upright if contact.carrier in (axial or ()) else None
-            if sensed is not None and contact.name in self._whole.on_frame:
-                projection = float(np.array(self._whole.on_frame[contact.name]) @ sensed)
-                mesh_force[self._names.index(contact.name)] += weights[parts.frame] * projection
-        self._rows.append((displacement[self._numbers], velocity[self._numbers], mesh_force))
+            if contact.carrier in directions and contact.name in self._whole.on_frame:
+                projection = float(np.array(self._whole.on_frame[contact.name]) @ directions[contact.carrier])
+                mesh_force[self._names.index(contact.name)] += gains[parts.frame] * projection
+        self._rows.append(
+            ((sensed @ self._springs)[self._numbers], (sensed @ self._dampers)[self._numbers], mesh_force)
+        )
         return len(self._rows) - 1
 
     def mesh(self, name: str) -> int:
@@ -465,24 +454,9 @@ class _Readings:
         widths = enumerate((dofs, dofs, len(self._names)))
         return tuple(np.reshape([row[part] for row in self._rows], (-1, width)) for part, width in widths)  # type: ignore[return-value]
 
-    def _bearing(self, body: str, along: Array) -> tuple[Array, Array]:
-        """Return the force of a body's supports on the frame per displacement and velocity, (dof,) each."""
-        displacement, velocity = np.zeros((2, len(self._coordinates.names)))
-        for share, motion in zip(along, "xyz", strict=True):
-            number = self._coordinates.index.get((body, motion))
-            if number is None or abs(share) < _ALONG:
-                continue
-            for spring in self._whole.grounded:
-                if spring.direction[number]:
-                    projection = share * spring.direction[number] * spring.direction
-                    displacement += spring.stiffness * projection
-                    velocity += spring.damping * projection
-        return displacement, velocity
 
-
-def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor) -> Array:
-    """Return a sensor's direction with its cross-axis sensitivity, in x, y and z of the assembly, (3,)."""
-    direction = sensitive_direction(sensor, rng_for=stage.rng_for)
+def _along(whole: Assembly, direction: Array) -> Array:
+    """Return a direction of the gearbox in x, y and z of the assembly, (3,)."""
     along = np.asarray(whole.parts.space @ direction)
     along[np.abs(along) < _ALONG] = 0.0
     return along
