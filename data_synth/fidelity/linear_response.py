@@ -335,25 +335,6 @@ def spectral_lines(values: Array, count: int) -> ComplexArray:
     return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
-def lines_of(response: Response, forces: ToothForces) -> list[tuple[HarmonicFamily, ComplexArray]]:
-    """Return the lines of a mesh in the channels, as harmonic families and their amplitudes (sensor, line, instant).
-
-    The lines at multiples of the mesh order belong to the mesh, those between them to its damaged gears.
-    """
-    scene, outputs = response.motion.stage.scene, response.lines(forces)
-    every = round(scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
-    own = np.arange(1, forces.orders.size + 1) % every == 0
-    damaged = [fault.component for fault in scene.faults if mesh_name(fault.component) == forces.mesh]
-    between = (" + ".join(damaged), "tooth") if damaged else (forces.mesh, "pitch_deviation")
-    both = ((forces.mesh, "gear_mesh", own), (*between, ~own))
-    weakest = _NEGLIGIBLE * np.max(np.abs(outputs), initial=0.0)
-    found = [
-        _family(outputs * kept[:, None], forces, component=component, kind=kind, weakest=weakest)
-        for component, kind, kept in both
-    ]
-    return [each for each in found if each[1].size]
-
-
 def _family(
     outputs: ComplexArray, forces: ToothForces, *, component: str, kind: str, weakest: float
 ) -> tuple[HarmonicFamily, ComplexArray]:
@@ -372,13 +353,23 @@ def _family(
 
 
 def with_lines(stage: PreparedScene, motion: Motion) -> PreparedScene:
-    """Return a stage with the lines of all meshes added."""
-    families, amplitudes = [*stage.families], [*stage.amplitudes]
-    response = response_of(motion)
-    for mesh in stage.scene.gearbox.meshes:
-        for family, outputs in lines_of(response, tooth_forces(motion, mesh.name)):
-            families.append(family)
-            amplitudes.append(outputs)
+    """Return a stage with the lines of all meshes added.
+
+    The lines at multiples of the mesh order belong to the mesh, those between them to its damaged gears.
+    """
+    families, amplitudes, response = [*stage.families], [*stage.amplitudes], response_of(motion)
+    for mesh, order in stage.scene.exact_orders("gear_mesh").items():
+        forces = tooth_forces(motion, mesh)
+        outputs = response.lines(forces)
+        own = np.arange(1, forces.orders.size + 1) % round(order / forces.base_order) == 0
+        damaged = [fault.component for fault in stage.scene.faults if mesh_name(fault.component) == mesh]
+        between = (" + ".join(damaged), "tooth") if damaged else (mesh, "pitch_deviation")
+        weakest = _NEGLIGIBLE * np.max(np.abs(outputs), initial=0.0)
+        for component, kind, kept in ((mesh, "gear_mesh", own), (*between, ~own)):
+            family, values = _family(outputs * kept[:, None], forces, component=component, kind=kind, weakest=weakest)
+            if values.size:
+                families.append(family)
+                amplitudes.append(values)
     return replace(stage, families=families, amplitudes=amplitudes)
 
 

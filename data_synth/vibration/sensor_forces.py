@@ -126,8 +126,9 @@ def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route
     A declared path has those of its source, the housing those of all bodies without a path to this sensor: equal gains
     as a rigid body, and the differences of their weights from these as an elastic one.
     """
-    sensor = scene.sensors[route.number]
-    weights = _weights(scene, whole, sensor)
+    sensor, parts = scene.sensors[route.number], whole.parts
+    bodies = [*parts.kinematics.joints, *parts.elastic_links, parts.frame]
+    weights = body_weights(scene, sensor, bodies=bodies, body_of=parts.body)
     source_of: dict[str, str] = {}
     for other in routes:
         if other.source is None or other.number != route.number:
@@ -153,13 +154,6 @@ def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
         if source in bearing.names:
             return {parts.body(link) for link in gearbox.ring_links(bearing)} - {parts.frame}
     return {parts.body(link) for link in gearbox.instances(source)}
-
-
-def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
-    """Return the gains to a sensor for the supports of each body, and for gears of the frame."""
-    parts = whole.parts
-    bodies = [*parts.kinematics.joints, *parts.elastic_links, parts.frame]
-    return body_weights(scene, sensor, bodies=bodies, body_of=parts.body)
 
 
 # ---- Sensor forces ---------------------------------------------------------------------------------------------------
