@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,8 +71,9 @@ def simulate(
         `data_synth.vibration.mechanics.mechanics_truth` defines. Costs a second integration.
     detectability : bool
         Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the
-        noise-free healthy channel of the same seed, relative to the channel's noise and quantisation; see
-        `fault_detectability`. Costs a simulation of the healthy channel and, with several faults, one for each.
+        noise-free healthy channel of the same seed, relative to the channel's noise and quantisation, in a matched
+        filter (Turin 1960, IRE Trans. Inf. Theory 6, 311). Costs a simulation of the healthy channel and, with several
+        faults, one for each.
 
     Returns
     -------
@@ -149,11 +151,9 @@ def simulate(
             raise SceneError(f"{name} = {value!r} must be a whole number, 0 or more.")
     refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
     streams, kept = Streams(seed=seed, machine_seed=machine_seed), declared.samples if detectability else 0
-    record, noise_free = _simulated(declared, streams, kept, by_source=by_source, phases=phases, mechanics=mechanics)
+    record, own = _simulated(declared, streams, kept, by_source=by_source, phases=phases, mechanics=mechanics)
     if detectability:
-        own = noise_free if len(declared.faults) == 1 else None
-        found_db = fault_detectability(declared, seed=seed, machine_seed=machine_seed, own=own)
-        return record.assign(truth_fault_detectability_db=found_db)
+        return record.assign(truth_fault_detectability_db=_fault_detectability(declared, streams, own))
     return record
 
 
@@ -169,11 +169,14 @@ class NoiseFree:
         What vibrating gears with sound teeth would add to it; None without such gears.
     steps : int or None
         Integration steps per sample; None without vibrating gears.
+    choice : Choice or None
+        Model of the gears; None in a kinematic scene.
     """
 
     signal: Array
     of_sound_gears: Array | None = None
     steps: int | None = None
+    choice: Choice | None = None
 
 
 def simulate_with_detectability(
@@ -197,9 +200,9 @@ def simulate_with_detectability(
         Detectability in the whole record in dB, extrapolated from the first `trial_s` seconds.
     """
     samples = min(scene.samples, round(trial_s * scene.rate_hz))
-    record, noise_free = _simulated(scene, Streams(seed=seed, machine_seed=machine_seed), samples)
-    own = noise_free if len(scene.faults) == 1 else None
-    ratio_db = fault_detectability(scene, seed=seed, machine_seed=machine_seed, own=own, samples=samples)
+    streams = Streams(seed=seed, machine_seed=machine_seed)
+    record, own = _simulated(scene, streams, samples)
+    ratio_db = _fault_detectability(scene, streams, own)
     return record, float(ratio_db[0, 0]) + 10 * math.log10(scene.samples / samples)
 
 
@@ -316,7 +319,7 @@ def _with_gears(
     passes = tooth_pass_truth(motion)
     if choice.linear:
         attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
-        return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy())
+        return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy(), choice=choice)
     steps, samples = motion.steps(), prepared.scene.samples
     gear_signal = sound_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
     signal += gear_signal
@@ -337,6 +340,7 @@ def _with_gears(
         signal=signal[:, :kept].copy(),
         of_sound_gears=sound_signal[:, :kept].copy(),
         steps=steps,
+        choice=choice,
     )
     return truth, attrs, noise_free
 
@@ -396,59 +400,20 @@ def _mechanics(prepared: PreparedScene, motion: Motion | None, choice: Choice | 
 _OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams named after the number of the fault
 
 
-def fault_detectability(
-    scene: Scene,
-    *,
-    seed: int,
-    machine_seed: int | None = None,
-    own: NoiseFree | None = None,
-    samples: int | None = None,
-) -> xr.DataArray:
-    """Return the detectability in dB of each fault alone in each channel.
+def _fault_detectability(scene: Scene, streams: Streams, own: NoiseFree) -> xr.DataArray:
+    """Return the detectability (truth_channel, truth_fault) in dB of each fault alone in each channel.
 
     This is the signal-to-noise ratio at the output of a filter matched to what the fault adds to the noise-free healthy
-    channel of the same seed [1]_: the sum over samples of its square over the variance of the channel's white noise,
-    whose level may wander, and quantisation noise. Its square root is the deflection of the optimum detector of a
-    known signal: 14 dB gives a probability of detection of 0.99 at one false alarm in 200. Costs one simulation per
-    fault plus one, none of them with a truth.
-
-    Parameters
-    ----------
-    scene : Scene
-    seed : int
-    machine_seed : int or None
-    own : NoiseFree, optional
-        Channels of the scene itself, if it has one fault and they are known.
-    samples : int, optional
-        Number of samples from the beginning of the scene; all if left out.
-
-    Returns
-    -------
-    xarray.DataArray
-        (truth_channel, truth_fault), dB; see `simulate`.
-
-    Raises
-    ------
-    SceneError
-        If the scene cannot be simulated.
-
-    References
-    ----------
-    .. [1] G. L. Turin, An introduction to matched filters, IRE Transactions on Information Theory 6 (1960) 311-329.
+    channel of the same seed (Turin 1960, IRE Trans. Inf. Theory 6, 311): the sum over samples of its square over the
+    variance of the channel's white noise, whose level may wander, and quantisation noise. Its square root is the
+    deflection of the optimum detector of a known signal: 14 dB gives a probability of detection of 0.99 at one false
+    alarm in 200. `own` are the channels of the scene itself, from whose number of samples it is computed. Costs one
+    simulation, and with several faults one for each, none of them with a truth.
     """
-    streams = Streams(seed=seed, machine_seed=machine_seed)
-    choice = _set_up(scene, streams, turns_before=streams.turns_before)[2] if scene.fidelity == "auto" else None
-    # the same steps in both motions: their integration errors nearly cancel in the difference
-    count = scene.samples if samples is None else samples
-    healthy = _noise_free(
-        scene.changed(faults=()),
-        streams,
-        choice,
-        turns_before=streams.turns_before,
-        samples=count,
-        steps=own.steps if own is not None else None,
-        of_gears=own.of_sound_gears if own is not None else None,
-    )
+    # the same steps in all motions: their integration errors nearly cancel in the difference
+    samples = own.signal.shape[1]
+    alike = partial(_noise_free, turns_before=streams.turns_before, samples=samples, choice=own.choice, steps=own.steps)
+    healthy = alike(scene.changed(faults=()), streams, of_gears=own.of_sound_gears)
     variances = [_noise_variance(scene, sensor, streams) for sensor in scene.sensors]
     ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
     for number, fault in enumerate(scene.faults):
@@ -457,15 +422,12 @@ def fault_detectability(
             return streams(*((words[0], str(number)) if words[0] in _OF_A_FAULT else words))
 
         faulty = own
-        if faulty is None:
-            alone = scene.changed(faults=(fault,))
-            faulty = _noise_free(
-                alone, rng_for, choice, turns_before=streams.turns_before, samples=count, steps=healthy.steps
-            )
-        added = faulty.signal[:, :count] - healthy.signal
+        if len(scene.faults) > 1:
+            faulty = alike(scene.changed(faults=(fault,)), rng_for)
+        added = faulty.signal - healthy.signal
         for row, variance in enumerate(variances):
             with np.errstate(divide="ignore", invalid="ignore"):
-                shares = np.where(added[row] != 0, added[row] ** 2 / variance[:count], 0.0)
+                shares = np.where(added[row] != 0, added[row] ** 2 / variance[:samples], 0.0)
                 ratios_db[row, number] = 10 * np.log10(np.sum(shares))
     about = "matched filter for what the fault adds, against the noise of the channel: sum of d^2 / s^2"
     return xr.DataArray(
@@ -503,17 +465,17 @@ def noise_free(scene: Scene, *, seed: int, steps: int | None = None) -> NoiseFre
     (1, 5000)
     """
     streams = Streams(seed=seed)
-    return _noise_free(scene, streams, None, turns_before=streams.turns_before, samples=scene.samples, steps=steps)
+    return _noise_free(scene, streams, turns_before=streams.turns_before, samples=scene.samples, steps=steps)
 
 
 def _noise_free(
     scene: Scene,
     rng_for: RandomStreams,
-    choice: Choice | None,
     *,
     turns_before: int,
     samples: int,
-    steps: int | None,
+    choice: Choice | None = None,
+    steps: int | None = None,
     of_gears: Array | None = None,
 ) -> NoiseFree:
     """Return the first `samples` of the channels of a scene after the linear part of their chains.

@@ -28,7 +28,6 @@ from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.kinematic.planet_pass import PassWindow, pass_window
 from data_synth.kinematic.ring_bending import RingLoad, sensors_on_ring
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.scene.sensors import Sensor
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import linear_chain, measured_filter
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
