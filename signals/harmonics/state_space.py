@@ -97,12 +97,11 @@ class HarmonicModel:
         """(column, sample) array of regressors: the measurement is their product with the levels."""
         from signals.harmonics._block_kernels import fill_phasors  # noqa: PLC0415 - loads numba
 
-        phases, count = [phase[samples] for phase in self.phases], self.orders.size  # a shaft each
-        columns = np.empty((2 * count, phases[0].size))
+        columns, place = np.empty((self.order_of_column.size + 1, self.phases[0][samples].size)), self.orders.size
         for k, (order, shaft) in enumerate(zip(self.orders.tolist(), self.shaft.tolist(), strict=True)):
-            fill_phasors(-order, phases[shaft], columns[k], columns[count + k])
-        means = np.flatnonzero(self.orders == 0)
-        return np.delete(columns, count + means, axis=0) if means.size else columns
+            fill_phasors(-order, self.phases[shaft][samples], columns[k], columns[place])
+            place += order != 0  # the sine of the mean is overwritten, or left in the row beyond the last
+        return columns[:-1]
 
     def process_noise(self, samples: slice = slice(None), *, step: float = 1.0) -> Floats:
         """(sample or 1, column) array: q of random walks of the same bandwidth with one step in `step` samples."""
