@@ -10,8 +10,7 @@ angles of up to a million radians have full precision; beyond, the error grows a
 .. [1] W. J. Cody, W. Waite, "Software manual for the elementary functions", Prentice-Hall, 1980.
 """
 
-from fractions import Fraction
-from math import factorial, frexp, ldexp, pi
+from math import factorial, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +25,8 @@ Complexes = NDArray[np.complex128]
 PIECE = 256
 
 
-def _leading_bits(value: Fraction, bits: int) -> float:
-    exponent = frexp(float(value))[1]
-    return ldexp(int(value * Fraction(2) ** (bits - exponent)), exponent - bits)
-
-
-# pi to 40 digits.
-_PI = Fraction(31415926535897932384626433832795028841971, 10**40)
-_PI_HIGH = _leading_bits(_PI, 33)
-_PI_MIDDLE = _leading_bits(_PI - Fraction(_PI_HIGH), 33)
-_PI_LOW = float(_PI - Fraction(_PI_HIGH) - Fraction(_PI_MIDDLE))
+# Pi to 33 bits, its next 33 bits, and the rest.
+_PI_HIGH, _PI_MIDDLE, _PI_LOW = 3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21
 _PER_PI = 1 / pi
 
 # Taylor coefficients of the sine from the third power on and of the cosine from the second

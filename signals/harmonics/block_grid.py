@@ -8,7 +8,7 @@ it: as many as there are poles, and of products one less than twice as many.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import comb, pi, sin
+from math import pi, sin
 
 import numpy as np
 
@@ -127,17 +127,6 @@ class Grid:
         model = self.model.subset(orders)
         return model.process_noise(slice(0, None, self.length), step=self.length)
 
-    def prior_variance(self, orders: Indices, node: int = 0) -> Floats:
-        """(pole, column) array, prior variances of some orders at a node, from the prior at the first one."""
-        model = self.model.subset(orders)
-        variance = model.prior_variance(step=self.length)
-        if node == 0:
-            return variance
-        grown = [
-            sum(comb(node, i - j) ** 2 * variance[i] for i in range(j, len(variance))) for j in range(len(variance))
-        ]
-        return np.stack(grown)
-
     @cached_property
     def moments(self) -> Floats:
         """(block, moment, order, channel, 2) array of the record: see `project` in `_block_kernels`."""
@@ -151,19 +140,6 @@ class Grid:
         powers = self._powers(max(self.model.poles, 2))
         return np.asarray(powers[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
-    def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
-        """Return the end of those of some blocks that a table serves, and the (sample, 2 moment order) table."""
-        whole = min(last, self.samples // self.length)
-        if whole - first < FEWEST_TABULATED or self.model.steady_step is None:
-            return first, np.empty((0, 0))
-        table = self._table[:, :moments] if orders.size == self.model.orders.size else self._table[:, :moments, orders]
-        return whole, np.ascontiguousarray(table).reshape(self.length, -1).view(np.float64)
-
-    def _turn(self, blocks: slice, orders: Indices) -> Complexes:
-        """(block, order) array, exp(-j angle) of some orders at the start of blocks, of the only shaft."""
-        starts = self.model.phases[0][blocks.start * self.length : blocks.stop * self.length : self.length]
-        return _block_kernels.phasors(starts[:, None] * self.model.orders[orders])
-
     def project(self, x: Floats, blocks: slice, orders: Indices) -> Floats:
         """Return the moments, as above, of values, (channel, sample), of some blocks against some orders.
 
@@ -171,17 +147,19 @@ class Grid:
         start of each block.
         """
         model, length = self.model, self.length
-        moments = max(model.poles, 2)
+        moments, whole, start = max(model.poles, 2), blocks.start, blocks.start * length
         sums = np.zeros((blocks.stop - blocks.start, moments, orders.size, len(x), 2))
-        start = blocks.start * length
-        whole, table = self._tabulated(blocks.start, blocks.stop, moments, orders)
+        if model.steady_step is not None and min(blocks.stop, self.samples // length) >= whole + FEWEST_TABULATED:
+            whole = min(blocks.stop, self.samples // length)
+            table = np.ascontiguousarray(self._table[:, :, orders]).reshape(length, -1).view(np.float64)
+            turn = _block_kernels.phasors(model.phases[0][: whole * length : length, None] * model.orders[orders])
         for samples, some in (*self.spans(blocks.start, whole, TABULATED_AT_ONCE), *self.spans(whole, blocks.stop)):
             values, seen = x[:, samples.start - start : samples.stop - start], self.seen[samples]
             values = np.ascontiguousarray(values if seen.all() else np.where(seen, values, 0.0))
             part = sums[some.start - blocks.start : some.stop - blocks.start]
             if some.stop <= whole:
                 products = (values.reshape(-1, length) @ table).view(np.complex128)
-                turned = products.reshape(len(x), -1, moments, orders.size) * self._turn(some, orders)[:, None]
+                turned = products.reshape(len(x), -1, moments, orders.size) * turn[some, None]
                 part[..., 0], part[..., 1] = turned.real.transpose(1, 2, 3, 0), turned.imag.transpose(1, 2, 3, 0)
             else:
                 phase = model.phase(samples)
@@ -191,28 +169,15 @@ class Grid:
 
     def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, of some orders added up, from (channel, order, block, 2, 4) `pieces_between`."""
-        model, length, waves = self.model, self.length, np.zeros((len(pieces), samples.stop - samples.start))
-        own, shaft = np.ascontiguousarray(pieces[:, orders]), model.shaft[orders]
-        first, done = samples.start // length, 0
-        whole, table = first, np.empty((0, 0))
-        if samples.start % length == 0:
-            whole, table = self._tabulated(first, samples.stop // length, 1, orders)
-        if whole > first:
-            # Re{(a + jb) e^(j angle)} of all orders is a product with the table; powers of u by Horner's rule
-            turned = own[:, :, first:whole, 0] + 1j * own[:, :, first:whole, 1]
-            turned *= self._turn(slice(first, whole), orders).conj().T[:, :, None]
-            terms = np.ascontiguousarray(turned.transpose(3, 0, 2, 1)).view(np.float64)
-            done = (whole - first) * length
-            sums, u = terms[-1] @ table.T, np.arange(length) / length
-            for term in terms[-2::-1]:
-                sums *= u
-                sums += term @ table.T
-            waves[:, :done] = sums.reshape(len(pieces), -1)
-        rest = slice(samples.start + done, samples.stop)
-        if rest.stop > rest.start:
-            phase, numbers, work = model.phase(rest), model.orders[orders], np.empty((2, PIECE))
-            for some, wave in zip(own, waves, strict=True):
-                _block_kernels.remodulate(some, length, phase, numbers, shaft, rest.start, work, wave[done:])
+        model, waves = self.model, np.zeros((len(pieces), samples.stop - samples.start))
+        phase, numbers, shaft, work = (
+            model.phase(samples),
+            model.orders[orders],
+            model.shaft[orders],
+            np.empty((2, PIECE)),
+        )
+        for some, wave in zip(np.ascontiguousarray(pieces[:, orders]), waves, strict=True):
+            _block_kernels.remodulate(some, self.length, phase, numbers, shaft, samples.start, work, wave)
         return waves
 
     def at_nodes(self, moments: Floats) -> Floats:

@@ -90,7 +90,8 @@ def exact(
     while True:
         grid = Grid(model=model, x=x, seen=seen, length=length)
         smoothed, nodes = Smoothed.empty(grid), slice(0, grid.nodes)
-        smooth_jointly(grid, Joint(np.arange(model.orders.size), nodes, nodes), None, smoothed)
+        joint = Joint(np.arange(model.orders.size), nodes, nodes)
+        smooth_jointly(grid, joint, grid.at_nodes(grid.moments), smoothed)
         fit = BlockFit(grid=grid, smoothed=smoothed, left=0.0)
         residuals = fit.residuals(startup)
         std = np.sqrt(residuals.mean_square if noise_variance is None else np.full(len(x), noise_variance))

@@ -6,7 +6,7 @@ weight; an incomplete weight suppresses hardly anything. So there more orders ar
 the others, as estimated first, are subtracted from the samples under incomplete weights.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
 from signals.harmonics.node_chain import Information, NodeChain, smooth_chain
 from signals.harmonics.separability import Closeness, coupled, leaks, left_over
-from signals.harmonics.state_space import Complexes, Flags, Floats, Indices
+from signals.harmonics.state_space import PRIOR_STD, Complexes, Flags, Floats, Indices
 
 # ---- Smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
 
@@ -90,7 +90,8 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     parts = 2 if grid.model.orders[group[0]] else 1
     lanes = np.ascontiguousarray(data[..., :parts].reshape(*data.shape[:2], 1, -1))
     gram, process = counts[:, :, None, None] / parts, grid.process_noise(group[:1])[:, :1].copy()
-    before = Information.prior(grid.prior_variance(group[:1])[:, :1], lanes.shape[3])
+    prior = grid.model.subset(group[:1]).prior_variance(step=grid.length)[:, :1]
+    before = Information.prior(prior, lanes.shape[3])
     return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before)
 
 
@@ -102,7 +103,7 @@ class Joint(NamedTuple):
     nodes: slice  # those whose data are used, some more on either side
 
 
-def smooth_jointly(grid: Grid, joint: Joint, data: Floats | None, smoothed: Smoothed) -> None:
+def smooth_jointly(grid: Grid, joint: Joint, data: Floats, smoothed: Smoothed) -> None:
     """Smooth a group jointly, in place; `data` are those of `chain_together`."""
     group, kept, nodes = joint
     found = smooth_chain(chain_together(grid, group, nodes, data))
@@ -113,33 +114,23 @@ def smooth_jointly(grid: Grid, joint: Joint, data: Floats | None, smoothed: Smoo
     smoothed.explained[group, kept] = found.explained[inner] / group.size
 
 
-def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats | None) -> NodeChain:
+def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats) -> NodeChain:
     """Return the chain of a group over a range of nodes, with the products of all its columns.
 
-    `data` is a (node, pole, order, channel, 2) array; None to compute it from the samples, segment by segment.
+    `data` is a (node, pole, order, channel, 2) array. Within the record the prior is one without effect.
     """
-    nonzero = grid.model.subset(group).nonzero
+    model = replace(grid.model.subset(group), prior_std=PRIOR_STD if nodes.start else grid.model.prior_std)
 
     def products(some: slice) -> Floats:
         return grid.gram(group, slice(nodes.start + some.start, nodes.start + some.stop))
 
-    def columns(values: Floats) -> Floats:
-        parts = values.transpose(0, 1, 4, 2, 3)
-        return np.concatenate([parts[:, :, 0], parts[:, :, 1, nonzero]], axis=2)
-
-    def made(some: slice) -> Floats:
-        before, last = nodes.start + some.start - 1, min(nodes.start + some.stop, grid.blocks)
-        first = max(before, 0)
-        moments = grid.project(grid.x[:, first * grid.length : last * grid.length], slice(first, last), group)
-        return columns(grid.at_nodes(moments)[before + 1 - first : nodes.start + some.stop - first])
-
-    process = grid.process_noise(group)
+    parts, process = data.transpose(0, 1, 4, 2, 3), grid.process_noise(group)
     return NodeChain(
         gram=products,
-        data=made if data is None else columns(data),
+        data=np.concatenate([parts[:, :, 0], parts[:, :, 1, model.nonzero]], axis=2),
         nodes=nodes.stop - nodes.start,
         process_noise=process if len(process) == 1 else process[nodes],
-        before=Information.prior(grid.prior_variance(group, nodes.start), len(grid.x)),
+        before=Information.prior(model.prior_variance(step=grid.length), len(grid.x)),
     )
 
 

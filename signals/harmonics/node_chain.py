@@ -51,12 +51,12 @@ class Information(NamedTuple):
 class NodeChain:
     """A random walk over nodes with its measurements.
 
-    To save memory, `gram` and `data` may be functions from a range of nodes to such arrays.
+    To save memory, `gram` may be a function from a range of nodes to such an array.
     """
 
     # (node, moment, width, width) moments of the products of the regressors of the levels
     gram: Floats | Callable[[slice], Floats]
-    data: Floats | Callable[[slice], Floats]  # (node, pole, width, lane) moments of regressors times data
+    data: Floats  # (node, pole, width, lane) moments of regressors times data
     nodes: int  # how many
     process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
     before: Information  # on the state at the first node before its data
@@ -64,12 +64,11 @@ class NodeChain:
     def measured(self, nodes: slice) -> tuple[Floats, Floats]:
         """Return the information in a range of nodes' data: J, (node, state state), and j, (node, state lane)."""
         gram = self.gram(nodes) if callable(self.gram) else self.gram[nodes]
-        data = self.data(nodes) if callable(self.data) else self.data[nodes]
-        (_, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
+        (_, moments, width, _), (count, poles, _, lanes) = gram.shape, self.data[nodes].shape
         (basis, products), size = newton_basis(poles), poles * width
         pairs = products.reshape(poles**2, moments) @ gram.reshape(count, moments, width**2)
         information = pairs.reshape(count, poles, poles, width, width).swapaxes(2, 3)
-        score = basis @ data.reshape(count, poles, width * lanes)
+        score = basis @ self.data[nodes].reshape(count, poles, width * lanes)
         return information.reshape(count, size**2), score.reshape(count, size * lanes)
 
 

@@ -155,9 +155,8 @@ def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> flo
 
 def components(linked: Flags) -> list[Indices]:
     """Return the connected components of a graph, as index arrays; isolated nodes only with a link to themselves."""
-    reached = (linked | np.eye(len(linked), dtype=np.bool_)).astype(np.float64)
-    for _ in range(len(linked).bit_length()):  # each time over paths of twice as many links
-        reached = (reached @ reached > 0).astype(np.float64)
-    first = reached.argmax(axis=1)
-    groups = (np.flatnonzero(first == number) for number in np.unique(first))
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415 - slow to import
+
+    count, label = connected_components(linked, directed=False)
+    groups = (np.flatnonzero(label == number) for number in range(count))
     return [group for group in groups if linked[group].any()]
