@@ -94,7 +94,7 @@ class Epoch:
         run_length, slopes = settings.false_alarm_every, float(self.normal.series.regressors)
         limits = machine_limits(limit_table(), independent, run_length, layout.group_of, slopes=slopes)
         self.limits, self.bursts = limits.widened(own), limits.bursts(own)
-        self.charts = ChartState.start((layout.scores,))
+        self.charts = ChartState.start(independent.shape)
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
         self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
@@ -120,7 +120,7 @@ class Epoch:
         """Return the rise of all indicators of one kind of a component, times normal, that two records alarm at."""
         (normal, limits), places = self.learned, [n for n, name in enumerate(self.names) if name == component]
         rise = fused_scores(1 / normal.series.scale, normal.layout)
-        limit = limits.limits[0, : rise.size] * normal.score_scale + normal.score_center
+        limit = limits.limits[0, : rise.size] * normal.score.scale + normal.score.center
         return math.exp(np.nanmin((limit / rise)[places])) if places else math.nan
 
     def verdict_words(self, component: str) -> str:

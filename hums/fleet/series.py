@@ -213,7 +213,7 @@ def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float6
     series in the baseline, of which the ratios are taken.
     """
     learned = _stored_prior()
-    score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
+    score = learned["score_std"] * np.power([float(those.size) for those in layout.series], learned["score_power"])
     known, strong = learned["log_std"], learned["strong_line_std"]
     over = dict(zip(series, levels.tolist(), strict=True))
     usual = np.array([known.get(key.indicator, float(np.median(list(known.values())))) for key in series])

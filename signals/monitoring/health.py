@@ -71,32 +71,17 @@ class Layout:
         return tuple(map(np.concatenate, self.components))
 
     @cached_property
-    def levels(self) -> Indices:
-        """Series (channels, width) of each channel whose common level is its gain, filled up with -1."""
-        return _padded(self.channels)
-
-    @cached_property
-    def channel_of(self) -> Indices:
-        """Channel whose common level each series shares, -1 without one."""
-        found = np.full(self.powers.size, -1, dtype=np.int64)
-        for number, those in enumerate(self.channels):
-            found[those] = number
+    def gains(self) -> Array:
+        """Power (channels, series) with which the gain of a channel enters each series."""
+        found = np.zeros((len(self.channels), self.powers.size))
+        for row, those in zip(found, self.channels, strict=True):
+            row[those] = self.powers[those]
         return found
-
-    @property
-    def sizes(self) -> Array:
-        """Number of series of each component."""
-        return np.array([those.size for those in self.series], dtype=np.float64)
 
     @property
     def group_of(self) -> tuple[int, ...]:
         """Group of each score; levels belong to the first."""
         return (*(self.groups or (0,) * len(self.components)), *(0,) * (2 * len(self.channels)))
-
-    @property
-    def scores(self) -> int:
-        """Number of scores: of components, of each channel's level, and of its sudden fall."""
-        return len(self.components) + 2 * len(self.channels)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,17 +119,15 @@ class Reading:
 class Normal:
     """Baselines of the series, levels and scores of a machine.
 
-    ``raw`` is that of the unchanged series, ``series`` without the level of their channel. ``level_center`` and
-    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are monitored.
+    ``raw`` is that of the unchanged series, ``series`` without the level of their channel, ``level`` (2, ..., channels)
+    of the quantiles whose rise and sudden fall are monitored, and ``score`` that of the fused scores.
     """
 
     layout: Layout
     raw: SeriesBaseline
     series: SeriesBaseline
-    level_center: Array
-    level_scale: Array
-    score_center: Array
-    score_scale: Array
+    level: SeriesBaseline
+    score: SeriesBaseline
 
     def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
         """Return a record (..., series) at covariates (..., covariates) relative to the baseline.
@@ -153,17 +136,19 @@ class Normal:
         """
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
-        watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
-        corrected = _without(values, level, self.layout)
+        high, low = (found - center for found, center in zip(quantiles, self.level.center, strict=True))
+        corrected = values - np.nan_to_num(level) @ self.layout.gains
         departures = self.series.standardised(corrected, covariates) / _wider(self.series, covariates)
         fused = fused_scores(departures, self.layout)
         before = np.zeros_like(level) if recent is None else recent
-        rise, fall = watched[0] / self.level_scale[0], (before - watched[1]) / self.level_scale[1]
-        levels = np.concatenate([rise, fall], axis=-1) / _wider(self.raw, covariates)
-        scores = np.concatenate([(fused - self.score_center) / self.score_scale, levels], axis=-1)
-        after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
+        levels = np.concatenate([high, before - low], axis=-1) / np.concatenate(self.level.scale, axis=-1)
+        components = (fused - self.score.center) / self.score.scale
         return Reading(
-            departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
+            departures=departures,
+            growth=departures * self.series.scale,
+            scores=np.concatenate([components, levels / _wider(self.raw, covariates)], axis=-1),
+            level=level,
+            recent=before + _RECENT * np.nan_to_num(low - before),
         )
 
 
@@ -202,22 +187,18 @@ def learn_normal(
     raw = learned(values, covariates, prior_scale=prior.series, least_scale=prior.least)
     away = _each(lambda seen, at: raw.standardised(seen, at) * raw.scale, values, covariates)
     level, *quantiles = _levels(away, layout)
-    corrected = _without(values, level, layout)
+    corrected = values - np.nan_to_num(level) @ layout.gains
     series = learned(corrected, covariates, prior_scale=prior.series, least_scale=prior.least)
     new = out_of_sample(records, _each(series.leverage, covariates, axis=-1))
     departures = _each(series.standardised, corrected, covariates) * new[..., None]
     fused = fused_scores(departures, layout)
     nothing = np.zeros((*values.shape[:-1], 0))
-    levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
-    scores = learned(fused, nothing, prior_scale=prior.score)
     return Normal(
         layout=layout,
         raw=raw,
         series=series,
-        level_center=np.stack([one.center for one in levels]),
-        level_scale=np.stack([one.scale for one in levels]),
-        score_center=scores.center,
-        score_scale=scores.scale,
+        level=learned(np.stack(quantiles), np.stack([nothing] * len(quantiles)), prior_scale=prior.level),
+        score=learned(fused, nothing, prior_scale=prior.score),
     )
 
 
@@ -264,25 +245,15 @@ def _wider(baseline: SeriesBaseline, covariates: Array) -> Array:
     return np.asarray(np.sqrt(1 + baseline.leverage(covariates)[..., None] / (1 + 1 / baseline.records)))
 
 
-def _levels(departures: Array, layout: Layout) -> list[Array]:
-    """Return `_QUANTILES` of the deviations (..., channels) of the series with the signal's unit."""
-    if not layout.channels:
-        return [np.zeros((*departures.shape[:-1], 0)) for _ in _QUANTILES]
-    ordered = np.sort(_at(layout.levels, departures / np.maximum(layout.powers, 1)), axis=-1)  # NaN last
-    count = np.isfinite(ordered).sum(axis=-1)[..., None]
-    last = np.maximum(count - 1, 0)
-    place = _QUANTILES * last
-    low = place.astype(np.int64)
-    both = np.take_along_axis(ordered, np.concatenate([low, np.minimum(low + 1, last)], axis=-1), axis=-1)
-    first, second = both[..., : _QUANTILES.size], both[..., _QUANTILES.size :]
-    found = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
-    return list(np.moveaxis(found, -1, 0))
-
-
-def _without(values: Array, level: Array, layout: Layout) -> Array:
-    """Return the series without the level of their channel."""
-    known = np.concatenate([np.where(np.isfinite(level), level, 0.0), np.zeros((*level.shape[:-1], 1))], axis=-1)
-    return np.asarray(values - known[..., layout.channel_of] * layout.powers)
+def _levels(departures: Array, layout: Layout) -> Array:
+    """Return `_QUANTILES` (3, ..., channels) of the deviations of the series with the signal's unit, NaN of too few."""
+    found = np.full((_QUANTILES.size, *departures.shape[:-1], len(layout.channels)), np.nan)
+    for number, those in enumerate(layout.channels):
+        seen = departures[..., those] / layout.powers[those]
+        enough = np.isfinite(seen).sum(axis=-1) >= FEWEST_LEVELS
+        quantiles = np.nanquantile(np.where(enough[..., None], seen, 0.0), _QUANTILES, axis=-1)
+        found[..., number] = np.where(enough, quantiles, np.nan)
+    return found
 
 
 def fused_scores(departures: Array, layout: Layout) -> Array:
