@@ -140,7 +140,10 @@ def _figures(
     )
     epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
     judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
-    drivers = driving_series(epoch, judged[-1], component, most=_PANELS) if judged else ()
+    drivers: list[Series] = []
+    if judged and component in epoch.names:
+        driving = driving_series(epoch, epoch.read(judged[-1]), epoch.names.index(component), most=_PANELS)
+        drivers = [key for key, departure, _ in driving if math.isfinite(departure)]
     if drivers:
         panels = _panels(epoch, kept, days, drivers)
         alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."
@@ -193,13 +196,11 @@ def _health(history: MachineHistory, days: Array, worst: str) -> dict[str, Any]:
     }
 
 
-def _panels(
-    epoch: Epoch, kept: Sequence[StoredRecord], days: Array, drivers: tuple[Series, ...]
-) -> list[dict[str, Any]]:
+def _panels(epoch: Epoch, kept: Sequence[StoredRecord], days: Array, drivers: Sequence[Series]) -> list[dict[str, Any]]:
     """Return the series with the largest deviations, each in its unit against time."""
     center = dict(zip(epoch.series, epoch.learned[0].raw.center.tolist(), strict=True))
     panels = []
-    for key, values in zip(drivers, np.exp([vector(one.values, drivers) for one in kept]).T, strict=True):
+    for key, values in zip(drivers, np.exp([vector(one.values, tuple(drivers)) for one in kept]).T, strict=True):
         title = f"{key.words.replace('_', ' ').replace('rms', 'RMS')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {_unit(key.unit)}"
         panels.append({"title": title, "normal": math.exp(center[key]), **_curve(days, values)})

@@ -157,8 +157,8 @@ class MachineState:
         analysed.
     unwatched_since : str
         Time of the first of the latest consecutive refused records; empty if the latest was judged.
-    first_seconds, last_seconds : float
-        Times of the first and the latest record; maintenance between the latest and the next is applied first.
+    last_seconds : float
+        Time of the latest record; maintenance between it and the next is applied first.
     learned, latest : list of str, str
         Digests of the records collected for baselines, and of the latest one, none of which is accepted again.
     """
@@ -171,7 +171,6 @@ class MachineState:
     judged: int = 0
     refused: int = 0
     unwatched_since: str = ""
-    first_seconds: float = math.inf
     last_seconds: float = -math.inf
     learned: list[str] = field(default_factory=list)
     latest: str = ""
@@ -465,13 +464,6 @@ def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> di
     }
 
 
-def _ranked(epoch: Epoch, reading: Reading, place: int) -> list[int]:
-    """Return the series of a component's score, the largest deviation first; what is not known is last."""
-    those = epoch.learned[0].layout.series[place]
-    ranked: list[int] = those[np.argsort(-reading.departures[those], kind="stable")].tolist()
-    return ranked
-
-
 def _drivers(epoch: Epoch, reading: Reading, name: str, place: int) -> list[tuple[tuple[str, str, float], float]]:
     """Return channel, indicator, deviation and ratio to normal of what drives a score, the largest deviation first."""
     component, _, what = name.partition(": ")
@@ -479,18 +471,15 @@ def _drivers(epoch: Epoch, reading: Reading, name: str, place: int) -> list[tupl
         channel = component.removeprefix("sensor ")
         level = float(reading.level[epoch.channels.index(channel)])
         return [((channel, what, level), math.exp(level))]
-    ranked = _ranked(epoch, reading, place)[:_DRIVERS]
-    driving = [(epoch.series[i], float(reading.departures[i]), math.exp(reading.growth[i])) for i in ranked]
+    driving = driving_series(epoch, reading, place, most=_DRIVERS)
     return [((key.channel, key.words, departure), ratio) for key, departure, ratio in driving]
 
 
-def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:
-    """Return the series of a component that deviate most in a record, the largest deviation first."""
-    if component not in epoch.names:
-        return ()
-    reading = epoch.read(seen)
-    known = [i for i in _ranked(epoch, reading, epoch.names.index(component)) if math.isfinite(reading.departures[i])]
-    return tuple(epoch.series[i] for i in known[:most])
+def driving_series(epoch: Epoch, reading: Reading, place: int, *, most: int) -> list[tuple[Series, float, float]]:
+    """Return series of a score with deviation and ratio to normal, the largest deviation first, unknown ones last."""
+    those = epoch.learned[0].layout.series[place]
+    ranked = those[np.argsort(-reading.departures[those], kind="stable")][:most].tolist()
+    return [(epoch.series[i], float(reading.departures[i]), math.exp(reading.growth[i])) for i in ranked]
 
 
 # ---- maintenance -----------------------------------------------------------------------------------------------------
@@ -507,7 +496,7 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
                 _acknowledge(state, one.component)
             else:
                 _replace(state, one.component)
-    state.first_seconds, state.last_seconds = min(state.first_seconds, now), now
+    state.last_seconds = now
 
 
 def _of(name: str, component: str) -> bool:

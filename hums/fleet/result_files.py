@@ -126,12 +126,12 @@ def packed_row(row: Mapping[str, Any]) -> bytes:
 
     The names of the numbers are one text, the same for most records, which is parsed once.
     """
-    packed = {}
-    for name in (one for one in _NUMBERS if one in row):
-        values = np.ascontiguousarray(row[name].values, dtype="<f8")
-        names = json.dumps(row[name].keys, separators=(",", ":"))
-        packed[name] = [names, list(values.shape), base64.b64encode(values.tobytes()).decode()]
-    return gzip.compress(json.dumps(dict(row) | packed).encode(), compresslevel=1, mtime=0)
+
+    def packed(numbers: Numbers) -> list[Any]:
+        names = json.dumps(numbers.keys, separators=(",", ":"))
+        return [names, numbers.values.shape, base64.b64encode(numbers.values.astype("<f8").tobytes()).decode()]
+
+    return gzip.compress(json.dumps(dict(row), default=packed).encode(), compresslevel=1, mtime=0)
 
 
 def read_row(path: Path) -> dict[str, Any]:

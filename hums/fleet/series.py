@@ -106,7 +106,7 @@ def series_of(indicators: Numbers, lines: Numbers, *, without: Collection[str] =
 
 
 @lru_cache(maxsize=4096)
-def _places(there: Keys, wanted: Keys) -> NDArray[np.int64]:
+def places(there: Keys, wanted: Keys) -> NDArray[np.int64]:
     """Return the indices of the requested series among others, -1 for missing ones."""
     at = {key: place for place, key in enumerate(there)}
     return np.array([at.get(key, -1) for key in wanted], dtype=np.int64)
@@ -148,7 +148,7 @@ def component_parts(component: str) -> tuple[str, ...]:
 
 def vector(found: Numbers, series: tuple[Series, ...]) -> NDArray[np.float64]:
     """Return the values of some series, NaN if the record has none."""
-    return np.append(found.values, np.nan)[_places(found.keys, shared(series))]
+    return np.append(found.values, np.nan)[places(found.keys, shared(series))]
 
 
 def watched_component(key: Series) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.series import CONDITION, INDICATOR, LINE
+from hums.fleet.series import CONDITION, INDICATOR, LINE, Keys, places, shared
 from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree
@@ -64,15 +64,9 @@ def write_tables(
     return "" if any(row["adjusted_p"] >= 0 for row in rows) else NO_TRENDS
 
 
-def columns_of(keys: Sequence[tuple[Key, ...]]) -> tuple[tuple[Key, ...], list[NDArray[np.int64]]]:
-    """Return the distinct keys of all records, which share most of theirs, and the columns of those of each record.
-
-    Columns are in the order in which the records first fill them.
-    """
-    distinct = {id(each): each for each in keys}
-    columns = {key: place for place, key in enumerate(dict.fromkeys(chain(*distinct.values())))}
-    places = {number: np.array([columns[key] for key in each], dtype=np.int64) for number, each in distinct.items()}
-    return tuple(columns), [places[id(each)] for each in keys]
+def distinct(keys: Iterable[Keys]) -> Keys:
+    """Return the keys of all records, which share most of theirs, in the order in which they first occur."""
+    return shared(tuple(dict.fromkeys(chain(*dict.fromkeys(keys)))))
 
 
 def _filled(rows: Sequence[Mapping[Any, float]], keys: Sequence[Any], *, missing: float) -> NDArray[np.float32]:
@@ -85,15 +79,14 @@ def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, An
     """Return the table of all records, NaN where a record lacks a column or was not judged."""
     facts = {name: [getattr(one, name) for one in records] for name in _FACTS}
     speed = np.array([one.covariates.get("speed_hz", np.nan) for one in records], dtype=np.float64)
-    lines, of_lines = columns_of([one.lines.keys for one in records])
-    indicators, of_indicators = columns_of([one.indicators.keys for one in records])
+    lines, indicators = distinct(one.lines.keys for one in records), distinct(one.indicators.keys for one in records)
     amplitude = np.full((len(records), len(lines)), np.nan, dtype=np.float32)
     snr, claimed = np.full_like(amplitude, np.nan), np.zeros(amplitude.shape, dtype=np.int8)
     value, order = np.full((len(records), len(indicators)), np.nan, dtype=np.float32), np.zeros(len(lines))
     for number in reversed(range(len(records))):  # orders are those of the first record with a line
-        one, at = records[number], of_lines[number]
+        one, at = records[number], places(lines, records[number].lines.keys)
         amplitude[number, at], snr[number, at], claimed[number, at] = one.lines.values.T  # noqa: PD011
-        value[number, of_indicators[number]], order[at] = one.indicators.values, one.orders  # noqa: PD011
+        value[number, places(indicators, one.indicators.keys)], order[at] = one.indicators.values, one.orders  # noqa: PD011
     words = [
         {(component, kind): VERDICTS.index(word) for component, kind, word in one.findings}
         | dict.fromkeys(one.not_judged, VERDICTS.index("not judged"))

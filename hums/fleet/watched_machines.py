@@ -20,8 +20,6 @@ from hums.fleet.table import write_rows
 from hums.records.store import write_tree
 from signals.monitoring.slopes import series_slopes
 
-_YEAR_S = 365.25 * 86400
-
 
 @dataclass(kw_only=True)
 class MachineHistory:
@@ -52,10 +50,10 @@ class MachineHistory:
     @property
     def false_alarms_a_year(self) -> float:
         """Expected false alarms per year at the rate of the records; NaN without their times."""
-        years = (self.state.last_seconds - self.state.first_seconds) / _YEAR_S
-        if not 0 < years < math.inf:
+        days = days_since_1970(one["recorded_at"] for one in self.records)
+        if not (days.size and days[-1] > days[0]):
             return math.nan
-        return (len(self.records) - 1) / years / self.state.settings.false_alarm_every
+        return 365.25 * (days.size - 1) / float(days[-1] - days[0]) / self.state.settings.false_alarm_every
 
     def follow(self, seen: Iterable[Observation], work: Sequence[Work]) -> None:
         """Update the state by further records, in chronological order."""

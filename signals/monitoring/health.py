@@ -5,7 +5,7 @@ level of the channel, which is monitored separately for rises and sudden falls, 
 judged. A drifting gain is therefore not mistaken for a fault.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import zip_longest
@@ -22,16 +22,6 @@ FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of f
 _QUANTILES = np.array((0.5, 0.25, 0.75))  # the level, and what is watched: three in four have to rise, or to fall
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
-
-
-def _padded(rows: Iterable[Indices]) -> Indices:
-    """Return rows of places as one table (rows, width), so that one sort serves all; -1 fills it up."""
-    return np.array(list(zip_longest(*rows, fillvalue=-1)), dtype=np.int64).T
-
-
-def _at(places: Indices, values: Array) -> Array:
-    """Return values (..., series) at a table of places (..., rows, width), NaN where it is filled up."""
-    return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], axis=-1)[..., places]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +48,8 @@ class Layout:
     @cached_property
     def kinds(self) -> Indices:
         """Series (kinds, width) of each kind of all components, filled up with -1."""
-        return _padded(kind for kinds in self.components for kind in kinds)
+        rows = (kind for kinds in self.components for kind in kinds)
+        return np.array(list(zip_longest(*rows, fillvalue=-1)), dtype=np.int64).T
 
     @cached_property
     def first(self) -> Indices:
@@ -276,7 +267,8 @@ def fused_scores(departures: Array, layout: Layout) -> Array:
     """
     if not layout.components:
         return np.zeros((*departures.shape[:-1], 0))
-    ordered = np.sort(-_at(layout.kinds, departures), axis=-1)  # NaN last
+    unknown = np.full((*departures.shape[:-1], 1), np.nan)
+    ordered = np.sort(-np.concatenate([departures, unknown], axis=-1)[..., layout.kinds], axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)
     taken = np.ceil(count * _LARGEST)
     among = np.arange(ordered.shape[-1]) < taken[..., None]
