@@ -6,11 +6,9 @@ The states, their transitions and the notation are those of `node_chain`.
 from math import frexp
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals._compile import compiled_in_place, compiled_sums_in_place
-
-Floats = NDArray[np.float64]
+from signals.harmonics._block_kernels import Floats
 
 
 @compiled_in_place

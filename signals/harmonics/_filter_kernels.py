@@ -6,13 +6,9 @@ differences alone.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals._compile import compiled_sums_in_place
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Complexes = NDArray[np.complex128]
+from signals.harmonics._block_kernels import Complexes, Floats, Indices
 
 
 @compiled_sums_in_place

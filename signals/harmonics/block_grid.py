@@ -84,10 +84,8 @@ class Grid:
     @cached_property
     def seen_counts(self) -> Floats:
         """(block, moment) sums over the samples seen of powers of u."""
-        counts = np.repeat(self._powers(self.squares).sum(axis=0)[None], self.blocks, axis=0)
-        whole = np.logical_and.reduceat(self.seen, np.arange(0, self.samples, self.length))
-        whole[-1] &= self.samples % self.length == 0
-        for samples, blocks in self.runs(~whole):
+        counts = np.empty((self.blocks, self.squares))
+        for samples, blocks in self.spans(0, self.blocks):
             counts[blocks] = self.counts(self.seen[samples].astype(np.float64), self.squares)
         return counts
 

@@ -94,7 +94,7 @@ def causal_filter(
     """
     state, gains = FilterState.prior(model, channels=len(x)), None if steady_error is None else SteadyGains.of(model)
     found = filter_on(model, x, state, output_every=output_every, startup=startup, steady=gains)
-    return replace(found, error_bound=steady_error or 0.0, std_spacing=output_every)
+    return replace(found, error_bound=steady_error or 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,4 +167,7 @@ def filter_on(
     if steady is not None and known < places.size:
         variances = variances[: known + 1]
         variances[known] = steady.variances
-    return Estimate(amplitude=amplitudes.transpose(1, 2, 0), variance=variances.T, innovations=state.innovations)
+    return Estimate(
+        amplitude=amplitudes.transpose(1, 2, 0), variance=variances.T, innovations=state.innovations,
+        std_spacing=output_every,
+    )  # fmt: skip

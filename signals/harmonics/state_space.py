@@ -156,13 +156,12 @@ class Estimate:
     """Estimates of a `HarmonicModel` from a record, with covariances for R = 1."""
 
     amplitude: Complexes  # (channel, order, output)
-    variance: Floats  # (order, output), mean over the quadratures
+    variance: Floats  # (order, node), mean over the quadratures
     innovations: Innovations  # those after start-up
+    # Samples between the nodes of `variance`: standard deviations are linear in between, and constant after the last.
+    std_spacing: int
     # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0
-    # Samples between the nodes where `variance` is that of nodes: standard deviations are linear in between, and
-    # constant after the last one. None where it is that of outputs.
-    std_spacing: int | None = None
 
     def of_orders(self, orders: int) -> "Estimate":
         """Return the estimates of the first orders alone."""

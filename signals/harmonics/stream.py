@@ -142,7 +142,7 @@ class OrderTracker:
             **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=self._error_bound,
             samples=state.count, output_every=self._every,
-            std_spacing=self._every if estimate.variance.shape[1] < outputs else None,
+            std_spacing=estimate.std_spacing,
             first_output=self._every * (-(-state.count // self._every) - outputs),
         )  # fmt: skip
 

@@ -26,10 +26,10 @@ class OrderTracks:
     complex_amplitude
         ([channel,] order, output) array, Z.
     settling_variance
-        ([channel,] order, settling) array, mean variance of the real and imaginary part of Z for R = 1: at every
-        output, or at nodes `std_spacing` samples apart, constant after the last one.
+        ([channel,] order, settling) array, mean variance of the real and imaginary part of Z for R = 1 at nodes,
+        constant after the last one.
     std_spacing
-        Samples between these nodes; None if `settling_variance` is given at the outputs.
+        Samples between these nodes, the first of which is at the first output.
     orders : (order,) array
         Cycles per revolution of the order's own shaft.
     shafts
@@ -99,9 +99,9 @@ class OrderTracks:
     innovation_mean_square: float | Floats
     samples: int
     output_every: int
+    std_spacing: int
     first_output: int = 0
     clipped_share: float | Floats = 0.0
-    std_spacing: int | None = None
 
     @cached_property
     def sample_index(self) -> Indices:
@@ -111,11 +111,9 @@ class OrderTracks:
     @cached_property
     def std(self) -> Floats:
         """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part."""
-        std: Floats = np.sqrt(self.settling_variance)
-        if self.std_spacing is not None:
-            places = self.first_output + self.std_spacing * np.arange(std.shape[-1])
-            std = _interpolated(std, places, self.sample_index)
-        return std * np.sqrt(self._at_outputs(self.noise_density))
+        std = np.sqrt(self.settling_variance)
+        places = self.first_output + self.std_spacing * np.arange(std.shape[-1])
+        return _interpolated(std, places, self.sample_index) * np.sqrt(self._at_outputs(self.noise_density))
 
     def half_width(self, probability: float) -> Floats:
         """Return the half-width of the confidence interval of the real or imaginary part of Z.
@@ -158,4 +156,6 @@ class OrderTracks:
 
 def _interpolated(values: Floats, places: Floats | Indices, outputs: Indices) -> Floats:
     """Return rows of values at some samples, linearly interpolated to those of the outputs."""
+    if outputs.size == 0:
+        return values[..., :0]
     return np.asarray(np.apply_along_axis(lambda row: np.interp(outputs, places, row), -1, values))

@@ -9,14 +9,11 @@ a difference ds of the slip turns it: A_k by j k (order times step of the phase)
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals._compile import compiled, compiled_sums_in_place
+from signals.harmonics._block_kernels import Floats, Indices
 from signals.harmonics._chain_kernels import filter_forward, smooth_backward
 from signals.harmonics._filter_kernels import dot
-
-Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 
 class SlipChain(NamedTuple):
@@ -24,8 +21,8 @@ class SlipChain(NamedTuple):
 
     x: Floats  # (sample,), the record over the standard deviation of its noise
     angle: Floats  # (sample,), order times the angle of the shaft, in rad
-    edges: Whole  # (block + 1,), first samples of the blocks and one past the last
-    centres: Whole  # (block,), their middle samples
+    edges: Indices  # (block + 1,), first samples of the blocks and one past the last
+    centres: Indices  # (block,), their middle samples
     process: Floats  # (block - 1, state), variances of the increments between blocks
     states: Floats  # (block, state), the reference; of the extended filter, the estimates
     slip_phase: Floats  # (block,), by which the reference has slipped in the middle of each block, in rad
