@@ -130,13 +130,12 @@ def filter_samples(
     """
     (channels, samples), (skip, every) = x.shape, outputs
     width, size, output = len(regressors), mean.shape[1], 0
-    gain, h, projection = work[0], work[1, :width], work[2]
+    gain, h, projection, scale = work[0], work[1, :width], work[2], 1.0 / np.sqrt(steady)
     for i in range(samples):
         if not np.isnan(x[0, i]):
-            s = steady
             for b in range(width):
                 h[b] = regressors[b, i]
-            if steady > 0.0:
+            if steady > 0.0:  # the gain K of the steady state
                 for start in range(0, size, width):
                     for b in range(width):
                         gain[start + b] = shares[start + b] * h[b]
@@ -147,8 +146,9 @@ def filter_samples(
                     s = _update_diffuse(V, h, gain, s, projection)
                 for a in range(size):  # K = (P + V V^T) h / s
                     gain[a] /= s
-            for channel in range(channels):
-                innovations[channel, i] = update_mean(mean[channel], h, x[channel, i], gain) / np.sqrt(s)
+                scale = 1.0 / np.sqrt(s)
+            for channel in range(channels):  # update with the innovation
+                innovations[channel, i] = update_mean(mean[channel], h, x[channel, i], gain) * scale
         if i >= skip and (i - skip) % every == 0:
             orders = amplitudes.shape[2]
             for channel in range(channels):
@@ -163,7 +163,7 @@ def filter_samples(
                     k, other = nonzero[m], _variance(P, V, diffuse, orders + m)
                     variances[output, k] = 0.5 * (variances[output, k] + other)
             output += 1
-        _transition_columns(mean, width)
+        _transition_columns(mean, width)  # predict
         if steady == 0.0:
             _predict_covariance(P, process[min(i, len(process) - 1)])
             if diffuse:

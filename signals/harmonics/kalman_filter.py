@@ -137,6 +137,7 @@ def filter_on(
     variances = np.empty((places.size, model.orders.size))
     longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
     missing = np.append(np.flatnonzero(np.isnan(x[0])), samples)
+    constant = model.process_noise() if model.bandwidth.shape[1] == 1 else None
     begin, known, work = 0, 0, np.empty((3, state.mean.shape[1]))
     while begin < samples:
         gap = int(missing[np.searchsorted(missing, begin)])
@@ -148,8 +149,9 @@ def filter_on(
         span, due = slice(begin, end), slice(*np.searchsorted(places, [begin, end]).tolist())
         values, innovations = np.ascontiguousarray(x[:, span]), np.zeros((channels, end - begin))
         gains = (steady.shares, steady.innovation_variance) if steady and settled else (np.empty(0), 0.0)
+        process = model.process_noise(span) if constant is None else constant
         filter_samples(
-            values, model.regressors(span), model.process_noise(span), state.mean, state.covariance, state.factor,
+            values, model.regressors(span), process, state.mean, state.covariance, state.factor,
             state.diffuse, *gains, (-state.count % output_every, output_every), model.nonzero, innovations,
             amplitudes[due], variances[due], work,
         )  # fmt: skip
