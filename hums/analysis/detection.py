@@ -9,8 +9,8 @@ The rules, fixed on the wind turbine and CWRU records:
 
    - leakage: through the window, a larger line contributes half of its amplitude or more;
    - a bearing line is no peak: the spectrum still rises at the edge of the search range;
-   - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, or of a sideband of that line
-     spaced by a ring's rotation or the cage;
+   - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a bearing's to the tenth,
+     or of a sideband of that line spaced by a ring's rotation or the cage;
    - it is a cage's: unequal elements and a damaged element produce a line at the cage order;
    - it is below a third of that of another defect of the same bearing, since the impacts of one defect excite lines at
      the orders of the others;
@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hums.analysis.expected_lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
-from hums.analysis.thresholds import RIVAL_FACTOR
+from hums.analysis.thresholds import IMPACT_HARMONICS, RIVAL_FACTOR
 from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
@@ -135,6 +135,8 @@ class LineAssessor:
             near = 0 < multiple <= highest and _near(weaker, multiple * base)
             return f"harmonic {multiple} of {name}" if near else ""
         harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED
+        if stronger.expected.kind in BEARING_KINDS and stronger.expected.fundamental:
+            harmonics = IMPACT_HARMONICS
         for harmonic in range(1, harmonics + 1):
             if _near(weaker, harmonic * base):
                 return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"

@@ -34,6 +34,7 @@ from hums.analysis.thresholds import (
     FAULTY_DEPTH,
     FEWEST_CYCLES,
     HINT,
+    IMPACT_HARMONICS,
     JUDGED_SNR,
     MAINS_ACCURACY,
     MAINS_HARMONICS,
@@ -292,11 +293,9 @@ def _on_another_shaft(bands: Sequence[BandEvidence], bearing: BearingOrders, set
             width = MATCH_BINS * band.bin_width
             for place in np.flatnonzero(deep):
                 line, depth = float(band.orders[place]), float(band.depths[place])
-                multiples = np.round(line / band.orders)
-                carrier = (multiples > 1) & (multiples <= SHAFT_MULTIPLES) & (band.depths >= depth)
-                carrier &= (np.abs(line - multiples * band.orders) <= width) & ~_of_shafts(band.orders, width, setting)
                 harmonic = (np.abs(band.orders - 2 * line) <= width).any()
-                if harmonic and not carrier.any() and not _comb_of_a_shaft(line, depth, band, setting):
+                other = _harmonic(line, depth, band, setting) or _comb_of_a_shaft(line, depth, band, setting)
+                if harmonic and not other:
                     of = f"the line at {line:.3f}, which modulates by {depth:.0%}, would be {kind.replace('_', ' ')}"
                     found = (depth, f"{of} on the shaft of order {shaft:.4g}; check on which shaft the bearing sits")
     return found
@@ -394,7 +393,13 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         hidden_by=_faster_than_it_rolls(main)
         or _comb_of_a_shaft(main.line.found, main.depth, band, setting)
         or _mains(main.line.found, band.bin_width, setting)
-        or _harmonic(main, band, setting, width),
+        or _harmonic(
+            main.line.found,
+            main.depth,
+            band,
+            setting,
+            own=2 if main.expected.kind == "rolling_element" else 1,  # two races, struck unequally
+        ),
         other_order=0.0 if strongest is None else float(band.orders[strongest]),
         other_depth=0.0 if strongest is None else float(band.depths[strongest]),
         other_strength=0.0 if strongest is None else float(alone[strongest]),
@@ -557,7 +562,7 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
                 return f"it is {name}, most of whose multiples stand out"
         exact = multiple == 1 or (off <= EXACT_BINS * width and setting.measured)
-        if exact and not slow and multiple <= SHAFT_MULTIPLES:
+        if exact and not slow:
             return f"it coincides with {name}"
     return ""
 
@@ -587,11 +592,18 @@ def _mains(order: float, bin_width: float, setting: Setting) -> str:
     return ""
 
 
-def _harmonic(main: MeasuredLine, band: BandEvidence, setting: Setting, width: float) -> str:
-    """Return of which line of a band with at least half its depth a line is a harmonic, or an empty string."""
-    rest = (band.depths >= main.depth / 2) & ~_of_shafts(band.orders, width, setting)
-    for multiple in range(2, _MULTIPLES + 1):
-        near = np.flatnonzero(rest & (np.abs(multiple * band.orders - main.line.found) <= width))
-        if near.size and (main.expected.kind, multiple) != ("rolling_element", 2):  # two races, struck unequally
-            return f"it is {multiple} times the line at {band.orders[near[0]]:.3f}, which it does not explain"
-    return ""
+def _harmonic(order: float, depth: float, band: BandEvidence, setting: Setting, own: int = 1) -> str:
+    """Return of which line of a band a line is a harmonic, or an empty string; the harmonic `own` may be its own.
+
+    Impacts make harmonics that are at most twice as deep as their fundamental, and no deeper above the third.
+    """
+    width = MATCH_BINS * band.bin_width
+    multiples = np.round(order / band.orders)
+    near = np.abs(order - multiples * band.orders) <= width
+    deep = band.depths >= np.where(multiples > _MULTIPLES, depth, depth / 2)
+    many = (multiples > 1) & (multiples <= IMPACT_HARMONICS) & (multiples != own)
+    carriers = np.flatnonzero(near & deep & many & ~_of_shafts(band.orders, width, setting))
+    if not carriers.size:
+        return ""
+    of = carriers[np.argmax(band.depths[carriers])]
+    return f"it is {multiples[of]:.0f} times the line at {band.orders[of]:.3f}, which it does not explain"

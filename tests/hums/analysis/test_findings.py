@@ -105,6 +105,8 @@ ASSESSED = {
     "outer race of an inner race": ([*inner(60), line("outer_race", 3.6, 8.0)], "hidden by b inner race"),
     "element of an inner race": ([*inner(60), line("rolling_element", 4.8, 8.0)], "hidden by b inner race"),
     "harmonic of an inner race": ([*inner(60), line("rolling_element", 10.8, 8.0)], "harmonic 2"),
+    "harmonic of another bearing": ([*outer(40, 20, at=3.603),
+        line("rolling_element", 18.015, 15.0, of="c", order=18.09)], "harmonic 5 of b outer race"),
     "sideband of an inner race": ([*inner(60), line("rolling_element", 7.4, 8.0)], "sideband +2"),
     "2.5 bins away": ([*inner(60), line("rolling_element", 4.825, 21.0)], None),
     "less than a third": ([*inner(60), line("rolling_element", 4.825, 19.0)],
