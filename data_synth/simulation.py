@@ -11,6 +11,7 @@ import xarray as xr
 from data_synth.cost import refuse_too_large
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
 from data_synth.fidelity.linear_response import with_gear_faults
+from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import GearFault
 from data_synth.scene.random_streams import RandomStreams, Streams
@@ -225,9 +226,8 @@ def _simulated(
         truth, attrs = truth_variables(prepared), {"truth_gear_faults": gear_faults} if gear_faults else {}
         noise_free = NoiseFree(signal=signal[:, :kept].copy())
     truth |= add_outside_sources(prepared, signal)
-    if declared.imperfections is not None:
-        truth |= sensor_truth(prepared)
-        _drift(prepared, signal, truth, parts)
+    truth |= sensor_truth(prepared)
+    _drift(prepared, signal, truth, parts)
     truth |= add_electrical(prepared, signal)
     for number, sensor in enumerate(declared.sensors):
         truth |= _apply_chain(prepared, sensor, number + 1, signal[number])
@@ -330,7 +330,9 @@ def _with_gears(
         sound_signal = _gear_vibration(sound_motion, samples=max(kept, samples_compared(prepared, prepared.scene)))
     sound_forced = sound_signal - free[:, : sound_signal.shape[1]]
     measured = gear_lines(prepared, gear_signal - free, sound=sound_forced if damaged else None)
-    truth = truth_variables(prepared, measured=measured, free=_share(free, gear_signal)) | passes
+    power, whole = np.mean(free**2, axis=1), np.var(gear_signal, axis=1)
+    share = np.divide(power, whole, out=np.zeros_like(whole), where=whole > 0)
+    truth = truth_variables(prepared, measured=measured, free=share) | passes
     for name, sources in parts.items():
         # meshes interact, so all vibrating gears are one source
         own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords={"truth_source_name": ["gears, motion"]})
@@ -355,12 +357,6 @@ def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
     if forced is None:
         return np.zeros_like(signal)
     return signal - _gear_vibration(replace(forced, steps_per_sample=steps), samples=signal.shape[1])
-
-
-def _share(part: Array, signal: Array) -> Array:
-    """Return the power of a part relative to the variance of the signal, (sensor,)."""
-    whole = np.var(signal, axis=1)
-    return np.asarray(np.divide(np.mean(part**2, axis=1), whole, out=np.zeros_like(whole), where=whole > 0))
 
 
 def _by_source(prepared: PreparedScene) -> dict[str, xr.DataArray]:
@@ -491,12 +487,10 @@ def _noise_free(
 
 
 def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:
-    """Return the variance of a channel's white and quantisation noise: (n,) where the level wanders, else (1,)."""
+    """Return the variance (n,) of a channel's white and quantisation noise."""
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
-    variance = np.full(1, (gain * scene.noise.rms) ** 2)
-    if scene.imperfections is not None and scene.imperfections.noise is not None:
-        level_db = noise_level(scene, rng_for=rng_for)
-        variance = variance * 10 ** (level_db(np.arange(scene.samples) / scene.rate_hz) / 10)
+    level_db = noise_level(scene, rng_for=rng_for)(np.arange(scene.samples) / scene.rate_hz)
+    variance = (gain * scene.noise.rms) ** 2 * 10 ** (level_db / 10)
     if sensor.quantisation is not None:
         variance = variance + (2 * sensor.quantisation.full_scale / 2**sensor.quantisation.bits) ** 2 / 12
     return variance
@@ -513,11 +507,8 @@ def _apply_chain(prepared: PreparedScene, sensor: Sensor, number: int, values: A
     scene, truth = prepared.scene, {}
     channel = {"channel": sensor.name}
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
-    factor = None
-    if scene.imperfections is not None and scene.imperfections.noise is not None:
-        level_db = noise_level(scene, rng_for=prepared.rng_for)
-        factor = lambda numbers: 10 ** (level_db(numbers / scene.rate_hz) / 20)  # noqa: E731
-    add_noise(values, rms=gain * scene.noise.rms, rng=prepared.rng_for("noise", sensor.name), factor=factor)
+    level_db, rng = noise_level(scene, rng_for=prepared.rng_for), prepared.rng_for("noise", sensor.name)
+    add_noise(values, rms=gain * scene.noise.rms, rng=rng, level_db=lambda numbers: level_db(numbers / scene.rate_hz))
     if sensor.clipping is not None:
         beyond = clip(values, level=sensor.clipping.level)
         truth[f"truth_clipped_{number}"] = xr.DataArray(beyond, attrs={"units": "1", **channel})
@@ -539,7 +530,7 @@ def _drift(
 ) -> None:
     """Multiply the channels (sensor, n), in place, and their truth by the drift of the sensitivity."""
     scene = prepared.scene
-    if prepared.scene.imperfections is None or prepared.scene.imperfections.temperature is None:
+    if imperfections_of(scene).temperature is None:
         return
     for start in range(0, scene.samples, BLOCK):
         here = slice(start, min(start + BLOCK, scene.samples))

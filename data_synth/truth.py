@@ -190,17 +190,13 @@ def _fault_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
                 if of == number and train.is_entry is is_entry
             ]
             if struck_s:
+                times_s = np.sort(np.concatenate(struck_s))
                 truth[f"truth_{what}_times_{number + 1}"] = xr.DataArray(
-                    _within_record(np.sort(np.concatenate(struck_s)), last_s(prepared.scene)),
+                    times_s[(times_s >= 0) & (times_s <= last_s(prepared.scene))],
                     dims=f"truth_{what}_{number + 1}",
                     attrs={"units": "s", "component": fault.component, "kind": fault.kind},
                 )
     return truth
-
-
-def _within_record(times_s: Array, stop_s: float) -> Array:
-    """Return the times within the record."""
-    return times_s[(times_s >= 0) & (times_s <= stop_s)]
 
 
 def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:

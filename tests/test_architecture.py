@@ -114,7 +114,6 @@ FORMATS = (
 )
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
-    "data_synth (root)": (7, "splits and Parquet, for code removed in kinematic and scene", "when plans are reduced"),
     "data_synth/gears, data_synth/bearings": (
         10,
         "modified flanks and a second crack, for code removed in kinematic and operation",

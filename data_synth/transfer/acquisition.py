@@ -68,16 +68,16 @@ def add_ringing(
 
 
 def add_noise(
-    signal: Array, *, rms: float, rng: np.random.Generator, factor: Callable[[Array], Array] | None = None
+    signal: Array, *, rms: float, rng: np.random.Generator, level_db: Callable[[Array], Array] = np.zeros_like
 ) -> None:
     """Add white Gaussian noise of `rms`, in the units of the signal, to a signal (n,) in place.
 
-    `factor` returns the factor of the RMS at given sample indices (n,); 1 by default.
+    `level_db` returns the level relative to the RMS at given sample indices (n,); 0 by default.
     """
     start = 0
     for part in _blocks(signal) if rms > 0 else ():
         noise = rms * rng.standard_normal(part.size)
-        part[:] += noise if factor is None else factor(np.arange(start, start + part.size, dtype=np.float64)) * noise
+        part[:] += 10 ** (level_db(np.arange(start, start + part.size, dtype=np.float64)) / 20) * noise
         start += part.size
 
 
