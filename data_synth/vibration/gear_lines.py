@@ -1,7 +1,7 @@
 """Lines of gear dynamics: orders, and complex amplitudes against time, by projection of the noise-free signal.
 
 Candidates are the harmonics of every mesh, of every damaged gear, and of every gear with pitch deviations, with
-sidebands at the planet pass orders, and the intermodulation of two meshes, or in steady motion also of damaged gears.
+sidebands at the planet pass orders, and the intermodulation of two meshes.
 The strongest of them are retained. Damaged teeth have separate lines, of the difference from the same gears with sound
 teeth. The remainder between the lines is stated as a share of the power.
 """
@@ -29,8 +29,7 @@ from data_synth.vibration.order_projection import projection
 
 
 _MIXED = 4  # intermodulation: multiples of one order about those of another
-_Base = tuple[Fraction, int, str, str, str]
-_MESH, _DAMAGED, _DEVIATION = range(3)  # a line with several sources is assigned to the first of these
+_Base = tuple[Fraction, str, str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,17 +40,8 @@ class Candidates:
     sources: tuple[tuple[str, str], ...]
 
 
-def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
-    """Return the candidate orders below `top` of the lines of a scene's gears.
-
-    Parameters
-    ----------
-    scene : Scene
-    top : float
-        Highest order.
-    mixed : bool
-        Whether to include sums and differences with orders of damaged gears, in addition to those of two meshes.
-    """
+def candidates_of(scene: Scene, *, top: float) -> Candidates:
+    """Return the candidate orders below `top` of the lines of a scene's gears."""
     bases, passes = _bases_of(scene)
     unit = _unit_of(bases, passes)
     found: dict[int, tuple[str, str]] = {}
@@ -64,17 +54,16 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     # vibration of one mesh causes forces in others, whose planets pass the sensors too; its own come first
     carriers = [each for each in dict.fromkeys(passes.values()) if each[1]]
     for own in (True, False):
-        for order, _, mesh, component, kind in bases:
+        for order, mesh, component, kind in bases:
             for carrier, sides in [passes[mesh]] if own else carriers:
                 harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
                 add(_multiples(order / unit, harmonics, carrier / unit, sides), component, kind)
-    for (order, rank, _, component, kind), (partner, other, *_rest) in permutations(bases, 2):
-        if max(rank, other) <= (_DAMAGED if mixed else _MESH):
-            harmonics = np.arange(int((top + _MIXED * float(partner)) / float(order)) + 1)
-            sums = _multiples(order / unit, harmonics, partner / unit, _MIXED)
-            for carrier, sides in carriers if rank == other == _MESH and order != partner else ():
-                add(np.add.outer(sums, np.arange(-sides, sides + 1) * int(carrier / unit)), component, kind)
-            add(sums, component, kind)
+    for (order, mesh, *_), (partner, *_) in permutations((base for base in bases if base[-1] == "gear_mesh"), 2):
+        harmonics = np.arange(int((top + _MIXED * float(partner)) / float(order)) + 1)
+        sums = _multiples(order / unit, harmonics, partner / unit, _MIXED)
+        for carrier, sides in carriers if order != partner else ():
+            add(np.add.outer(sums, np.arange(-sides, sides + 1) * int(carrier / unit)), mesh, "gear_mesh")
+        add(sums, mesh, "gear_mesh")
     numbers = sorted(found)
     orders = np.array(numbers, dtype=np.int64) * unit.numerator / unit.denominator
     return Candidates(orders=orders, sources=tuple(found[number] for number in numbers))
@@ -87,13 +76,16 @@ def _unit_of(bases: list[_Base], passes: dict[str, tuple[Fraction, int]]) -> Fra
 
 
 def _bases_of(scene: Scene) -> tuple[list[_Base], dict[str, tuple[Fraction, int]]]:
-    """Return (order, rank, mesh, component, kind) of each periodic source, and the planet pass orders by mesh."""
+    """Return (order, mesh, component, kind) of each periodic source, and the planet pass orders by mesh.
+
+    A line with several sources is assigned to the first.
+    """
     meshes, teeth = scene.exact_orders("gear_mesh"), _turn_orders(scene)
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
-    bases = [(order, _MESH, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
-    bases += [(teeth[name], _DAMAGED, mesh_name(name), name, "tooth") for name in damaged]
+    bases = [(order, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
+    bases += [(teeth[name], mesh_name(name), name, "tooth") for name in damaged]
     uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
-    bases += [(teeth[name], _DEVIATION, mesh_name(name), name, "pitch_deviation") for name in uneven]
+    bases += [(teeth[name], mesh_name(name), name, "pitch_deviation") for name in uneven]
     return bases, {mesh: pass_orders(scene, mesh) for mesh in meshes}
 
 
@@ -212,7 +204,7 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
     sign = 1.0 if revolutions[-1] > revolutions[0] else -1.0
     speed_hz = np.abs(angle.speed_hz(np.arange(signal.shape[1]) / prepared.scene.rate_hz))
     known = BELOW_NYQUIST * prepared.scene.rate_hz / 2 / np.maximum(speed_hz, _SLOW * np.max(speed_hz))
-    candidates = candidates_of(scene, top=float(np.max(known)), mixed=steady)
+    candidates = candidates_of(scene, top=float(np.max(known)))
     found = projection(
         signal,
         sign * revolutions,
