@@ -84,10 +84,8 @@ class Grid:
     @cached_property
     def seen_counts(self) -> Floats:
         """(block, moment) sums over the samples seen of powers of u."""
-        counts = np.empty((self.blocks, self.squares))
-        for samples, blocks in self.spans(0, self.blocks):
-            counts[blocks] = self.counts(self.seen[samples].astype(np.float64), self.squares)
-        return counts
+        parts = (self.seen[samples].astype(np.float64) for samples, _ in self.spans(0, self.blocks))
+        return np.concatenate([self.counts(part, self.squares) for part in parts])
 
     def taper(self, nodes: Flags, samples: slice) -> Floats:
         """(sample,) array, sum of the triangular weights of some nodes."""
