@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.analysis.detection import LEAKAGE_SHARE, LineAssessor
-from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence
+from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence, load_spacings
 from hums.analysis.expected_lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
@@ -750,15 +750,7 @@ def _with_sidebands(envelope: _Envelope, bearings: Iterable[BearingOrders]) -> l
     for line in envelope.lines:
         if not line.expected.fundamental:
             continue
-        bearing = by_name[line.expected.component]
-        spacing = {
-            "inner_race": bearing.inner_ring,
-            "outer_race": bearing.outer_ring,
-            "rolling_element": bearing.cage,
-        }.get(line.expected.kind, 0.0)
-        spacings = dict.fromkeys(abs(x) for x in (spacing, bearing.carried) if x)
-        expected = envelope_sidebands(line, spacings)
-        sidebands += search(envelope.spectrum, expected, channel=line.channel, units=line.units, level=envelope.level)[
-            0
-        ]
+        expected = envelope_sidebands(line, load_spacings(by_name[line.expected.component], line.expected.kind))
+        found, _ = search(envelope.spectrum, expected, channel=line.channel, units=line.units, level=envelope.level)
+        sidebands += found
     return sidebands

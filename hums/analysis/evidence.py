@@ -273,7 +273,7 @@ def _without_parts(
     known = np.zeros(band.orders.size, dtype=bool)
     for part in parts:
         if part.strength > 0 and not part.hidden_by:
-            spacings = _spacings(bearings[part.component], part.kind)
+            spacings = load_spacings(bearings[part.component], part.kind)
             known |= _own(band.orders, part.found, spacings, MATCH_BINS * band.bin_width)
     return replace(band, depths=np.where(known, 0.0, band.depths))
 
@@ -344,7 +344,7 @@ def _of_shafts(orders: Numbers, width: float, setting: Setting) -> NDArray[np.bo
 
 def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrders, setting: Setting) -> PartEvidence:
     """Return the evidence for one part from its fundamental in every band."""
-    spacings = _spacings(bearing, seen[0][1].measured.expected.kind)
+    spacings = load_spacings(bearing, seen[0][1].measured.expected.kind)
     rated = [(_strength_in(band, line, spacings), number) for number, (band, line) in enumerate(seen)]
     least = min(range(len(seen)), key=lambda number: _background_depth(seen[number][1].measured))
     best, number = max(rated)
@@ -379,11 +379,12 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         return plain
     harmonics, sidebands = _support(main, band, spacings)
     width = MATCH_BINS * band.bin_width
-    own = _own(band.orders, main.line.found, spacings, width) | _of_shafts(band.orders, width, setting)
+    known = _own(band.orders, main.line.found, spacings, width) | _of_shafts(band.orders, width, setting)
+    own = 2 if main.expected.kind == "rolling_element" else 1  # two races, struck unequally
     alone = band.depths**3 / (band.depths**2 + (TRUSTED_SNR * band.backgrounds) ** 2)
     # what is slower than every part is a change of level
     slowest = min(one.measured.expected.order for one in band.lines if one.measured.expected.fundamental)
-    rest = np.flatnonzero(~own & (band.orders >= (1 - _MISDECLARED) * slowest))
+    rest = np.flatnonzero(~known & (band.orders >= (1 - _MISDECLARED) * slowest))
     strongest = rest[np.argmax(alone[rest])] if rest.size else None
     return replace(
         plain,
@@ -393,13 +394,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         hidden_by=_faster_than_it_rolls(main)
         or _comb_of_a_shaft(main.line.found, main.depth, band, setting)
         or _mains(main.line.found, band.bin_width, setting)
-        or _harmonic(
-            main.line.found,
-            main.depth,
-            band,
-            setting,
-            own=2 if main.expected.kind == "rolling_element" else 1,  # two races, struck unequally
-        ),
+        or _harmonic(main.line.found, main.depth, band, setting, own),
         other_order=0.0 if strongest is None else float(band.orders[strongest]),
         other_depth=0.0 if strongest is None else float(band.depths[strongest]),
         other_strength=0.0 if strongest is None else float(alone[strongest]),
@@ -470,7 +465,7 @@ def _background_depth(line: MeasuredLine) -> float:
     return line.line.background / line.level if line.level > 0 else math.inf
 
 
-def _spacings(bearing: BearingOrders, kind: str) -> tuple[float, ...]:
+def load_spacings(bearing: BearingOrders, kind: str) -> tuple[float, ...]:
     """Return the spacings of the sidebands that passing the load zone causes."""
     turning = {
         "inner_race": bearing.inner_ring,
@@ -513,14 +508,14 @@ def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: 
     """Return which orders are harmonics of a fundamental, sidebands of them, or multiples of their spacing."""
     offsets = [0.0, *(side * s for s in spacings for side in range(-_SIDEBANDS, _SIDEBANDS + 1) if side)]
     own = np.zeros(orders.size, dtype=bool)
-    own |= _of_spacings(orders, spacings, width)
+    own |= _ofload_spacings(orders, spacings, width)
     for offset in offsets:
         multiple = np.maximum(1, np.round((orders - offset) / fundamental))
         own |= np.abs(orders - offset - multiple * fundamental) <= width * np.sqrt(multiple)
     return own
 
 
-def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
+def _ofload_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
     """Return which orders are multiples of a spacing: what carries a defect also modulates the envelope directly."""
     on = np.zeros(orders.size, dtype=bool)
     for spacing in spacings:
