@@ -72,7 +72,7 @@ BUDGETS = """
     signals (root)                                              560    486    400
     signals/angle                                              1111   1070    900
     signals/demodulation                                        905    870    750
-    signals/harmonics, signals/slipping_order                  4012   2767   2500
+    signals/harmonics, signals/slipping_order                  4012   2809   2500
     signals/health, signals/indicators                          955    839    800
     signals/monitoring                                         1135    543    700
     signals/resampling                                          799    796    600

@@ -1,14 +1,29 @@
-"""Loops over samples of the causal filter, with the gains of its covariance or of the steady state.
+"""Loops over samples of the causal filters: the covariance filter with a diffuse prior, and steady-state gains.
 
-A state holds `poles` blocks of quadratures: the levels, their first backward differences, and so on. From sample to
-sample it becomes `F (state + increment)`: F an upper triangle of ones, the increment, of variance Q, in the highest
-differences alone.
+A state holds `poles` blocks of quadratures: the levels, their first backward differences, and so on; real and imaginary
+parts of the orders alternate within a block. From sample to sample it becomes `F (state + increment)`: F an upper
+triangle of ones, the increment, of variance Q, in the highest differences alone.
 """
 
 import numpy as np
 
 from signals._compile import compiled_sums_in_place
-from signals.harmonics._block_kernels import Complexes, Floats, Indices
+from signals.harmonics._block_kernels import Floats, Indices, fill_phasors
+
+PIECE = 128  # samples whose phasors are made at a time: they stay in the nearest cache
+
+
+@compiled_sums_in_place
+def _fill_regressors(
+    phase: Floats, orders: Floats, shaft: Indices, first: int, cosine: Floats, sine: Floats, rows: Floats
+) -> None:
+    """Fill (sample, 2 order) rows H with cos and -sin of each order in turn, from sample `first` on."""
+    last = min(first + len(rows), phase.shape[1])
+    for k in range(orders.size):
+        fill_phasors(orders[k], phase[shaft[k], first:last], cosine, sine)
+        for i in range(last - first):
+            rows[i, 2 * k] = cosine[i]
+            rows[i, 2 * k + 1] = -sine[i]
 
 
 @compiled_sums_in_place
@@ -20,31 +35,35 @@ def dot(a: Floats, b: Floats) -> float:
 
 
 @compiled_sums_in_place
-def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats) -> float:
+def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, covariance: Floats) -> float:
     """Update the factor V of the diffuse covariance; return the variance of the innovation.
 
-    With `a = V^T h`, the P h of before P was updated and `known` the innovation's variance without V, the whole
-    variance is `s = known + a . a` and V becomes `V (I - a a^T / (known r (r + 1))) - P h a^T / (known r)`, r^2 = s /
-    known: Potter's update [1]_ beside that of P, without differences of large variances. `ph` becomes `(P + V V^T) h`.
+    With `a = V^T h` and `known` the innovation's variance without V, the whole variance is `s = known + a . a` and V
+    becomes `V (I - a a^T / (known r (r + 1))) - P h a^T / (known r)`, r^2 = s / known: Potter's update [1]_ beside that
+    of P, without differences of large variances. `covariance` is filled with `(P + V V^T) h`.
 
     References
     ----------
     .. [1] J. E. Potter, R. G. Stern, "Statistical filtering of space navigation measurements", AIAA Guidance and
        Control Conference, 1963.
     """
-    a[:] = 0.0
+    size = a.size
+    for d in range(size):
+        a[d] = 0.0
     for b in range(h.size):
-        for d in range(a.size):
+        for d in range(size):
             a[d] += h[b] * V[b, d]
-    s = known + dot(a, a)
-    r = np.sqrt(s / known)
-    for b in range(a.size):
-        va = dot(V[b], a)
-        factor = (va / (r + 1.0) + ph[b]) / (known * r)
-        for d in range(a.size):
+    variance = known + dot(a, a)
+    root = np.sqrt(variance / known)
+    for b in range(size):
+        va = 0.0
+        for d in range(size):
+            va += V[b, d] * a[d]
+        covariance[b] = ph[b] + va
+        factor = (va / (root + 1.0) + ph[b]) / (known * root)
+        for d in range(size):
             V[b, d] -= factor * a[d]
-        ph[b] += va
-    return s
+    return variance
 
 
 @compiled_sums_in_place
@@ -69,11 +88,12 @@ def update_covariance(P: Floats, ph: Floats, precision: float) -> None:
 
 
 @compiled_sums_in_place
-def update_mean(mean: Floats, h: Floats, x: float, gain: Floats) -> float:
-    """Update the mean, mean + K e; return the innovation e = x - h . mean."""
+def update_mean(mean: Floats, h: Floats, x: float, ph: Floats, precision: float) -> float:
+    """Update the mean with the gain K = P h / s, given 1 / s: mean + K e; return the innovation e = x - h . mean."""
     e = x - dot(h, mean[: h.size])
-    for a in range(gain.size):
-        mean[a] += gain[a] * e
+    scaled = precision * e
+    for a in range(ph.size):
+        mean[a] += scaled * ph[a]
     return e
 
 
@@ -107,64 +127,86 @@ def _predict_covariance(P: Floats, q: Floats) -> None:
 
 
 @compiled_sums_in_place
-def _variance(P: Floats, V: Floats, diffuse: bool, a: int) -> float:
-    known: float = P[a, a]
-    return known + dot(V[a], V[a]) if diffuse else known
+def filter_covariance(
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, mean: Floats, P: Floats,
+    outputs: tuple[int, int], innovations: Floats, levels: Floats, variances: Floats, V: Floats, diffuse: bool,
+    work: Floats, rows: Floats,
+) -> None:  # fmt: skip
+    """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
+
+    Given are (sample, channel) x, NaN where missing in all channels; (shaft, sample) angles, orders and the shaft of
+    each; (sample or 1, 2 order) variances of the increments after each sample; the samples before the first output, and
+    from one to the next; whether V is not zero; scratch of (5, PIECE or state) and (PIECE, 2 order). The
+    (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become those for the one after
+    the last. Filled are (sample, channel) innovations over their standard deviations, left zero where missing, (output,
+    channel, 2 order) levels, and (output, order) variances: half the sums over both quadratures, of which the mean's
+    second is 0.
+    """
+    (samples, channels), (skip, every) = x.shape, outputs
+    width, size = process.shape[1], mean.shape[1]
+    ph, whole, projection = work[2, :size], work[3, :size], work[4, :size]
+    output = 0
+    for i in range(samples):
+        if i % PIECE == 0:
+            _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
+        h = rows[i % PIECE]
+        if not np.isnan(x[i, 0]):
+            s = known = project(P, h, ph)
+            update_covariance(P, ph, 1.0 / known)
+            projected = ph
+            if diffuse:  # of P + V V^T
+                s, projected = _update_diffuse(V, h, ph, known, projection, whole), whole
+            precision = 1.0 / s
+            for channel in range(channels):
+                e = update_mean(mean[channel], h, x[i, channel], projected, precision)
+                innovations[i, channel] = e * np.sqrt(precision)
+        if i >= skip and (i - skip) % every == 0:
+            for channel in range(channels):
+                for b in range(width):
+                    levels[output, channel, b] = mean[channel, b]
+            for k in range(orders.size):
+                total = P[2 * k, 2 * k] + P[2 * k + 1, 2 * k + 1]
+                if diffuse:
+                    total += dot(V[2 * k], V[2 * k]) + dot(V[2 * k + 1], V[2 * k + 1])
+                variances[output, k] = 0.5 * total
+            output += 1
+        _predict_covariance(P, process[min(i, len(process) - 1)])
+        _transition_columns(mean, width)
+        if diffuse:
+            _transition_rows(V, width)
 
 
 @compiled_sums_in_place
-def filter_samples(
-    x: Floats, regressors: Floats, process: Floats, mean: Floats, P: Floats, V: Floats, diffuse: bool,
-    shares: Floats, steady: float, outputs: tuple[int, int], nonzero: Indices, innovations: Floats,
-    amplitudes: Complexes, variances: Floats, work: Floats,
+def filter_steadily(
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, gains: Floats, state: Floats, skip: int, every: int,
+    work: Floats, rows: Floats, innovations: Floats, levels: Floats,
 ) -> None:  # fmt: skip
-    """Filter some samples, with measurements `x = h . levels + noise` of variance 1.
+    """Run the filter with steady-state gains over some samples.
 
-    Given are (channel, sample) x, NaN where missing in all channels; (column, sample) h; (sample or 1, column)
-    variances of the increments after each sample; whether V is not zero; the samples before the first output, and from
-    one to the next. The (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become
-    those for the one after the last. With the variance `steady` of innovations in the steady state, else 0, the gains
-    are the (state,) shares times h, and the covariance stays. Filled are (channel, sample) innovations over their
-    standard deviations, left zero where missing, (output, channel, order) amplitudes, those `nonzero` complex, and, but
-    for steady gains, (output, order) variances, means over the quadratures. `work` is (3, state) scratch.
+    The (pole, 2 order) gains times h are the Kalman gains; the (channel, pole, 2 order) state is the mean of
+    `filter_covariance`, as the other arguments are its; `work` and `rows` are scratch of (3, PIECE or 2 order) and
+    (PIECE, 2 order).
     """
-    (channels, samples), (skip, every) = x.shape, outputs
-    width, size, output = len(regressors), mean.shape[1], 0
-    gain, h, projection, scale = work[0], work[1, :width], work[2], 1.0 / np.sqrt(steady)
+    samples, channels = x.shape
+    poles, width = gains.shape
+    unused, output = work[2], 0
     for i in range(samples):
-        if not np.isnan(x[0, i]):
+        if i % PIECE == 0:
+            _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
+        h, due = rows[i % PIECE], i == skip + output * every
+        for channel in range(channels):
+            own = state[channel]
+            level = levels[output, channel] if due else unused
+            # Innovation e = x - h . level; update each difference by its gain h e.
+            innovation = x[i, channel] - dot(h, own[0])
+            innovations[i, channel] = innovation
             for b in range(width):
-                h[b] = regressors[b, i]
-            if steady > 0.0:  # the gain K of the steady state
-                for start in range(0, size, width):
-                    for b in range(width):
-                        gain[start + b] = shares[start + b] * h[b]
-            else:
-                s = project(P, h, gain)
-                update_covariance(P, gain, 1.0 / s)
-                if diffuse:
-                    s = _update_diffuse(V, h, gain, s, projection)
-                for a in range(size):  # K = (P + V V^T) h / s
-                    gain[a] /= s
-                scale = 1.0 / np.sqrt(s)
-            for channel in range(channels):  # update with the innovation
-                innovations[channel, i] = update_mean(mean[channel], h, x[channel, i], gain) * scale
-        if i >= skip and (i - skip) % every == 0:
-            orders = amplitudes.shape[2]
-            for channel in range(channels):
-                for k in range(orders):
-                    amplitudes[output, channel, k] = mean[channel, k]
-                for m in range(nonzero.size):
-                    amplitudes[output, channel, nonzero[m]] += 1j * mean[channel, orders + m]
-            if steady == 0.0:
-                for k in range(orders):
-                    variances[output, k] = _variance(P, V, diffuse, k)
-                for m in range(nonzero.size):
-                    k, other = nonzero[m], _variance(P, V, diffuse, orders + m)
-                    variances[output, k] = 0.5 * (variances[output, k] + other)
-            output += 1
-        _transition_columns(mean, width)  # predict
-        if steady == 0.0:
-            _predict_covariance(P, process[min(i, len(process) - 1)])
-            if diffuse:
-                _transition_rows(V, width)
+                own[0, b] += gains[0, b] * innovation * h[b]
+                level[b] = own[0, b]
+            for j in range(1, poles):
+                for b in range(width):
+                    own[j, b] += gains[j, b] * innovation * h[b]
+            for j in range(poles - 2, -1, -1):  # predict by F
+                for b in range(width):
+                    own[j, b] += own[j + 1, b]
+        output += due

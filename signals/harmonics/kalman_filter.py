@@ -12,16 +12,16 @@ complex amplitude has twice these gains, since the real record holds half of a r
 """
 
 from dataclasses import dataclass, replace
-from math import ceil, log
+from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import filter_samples
+from signals.harmonics._filter_kernels import PIECE, filter_covariance, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.state_space import Estimate, Floats, HarmonicModel, Innovations, lost
 
-# Samples filtered at a time: rows of regressors a power of two apart would share lines of the cache.
-SAMPLES_AT_ONCE = 5000
+# Samples filtered at a time.
+SAMPLES_AT_ONCE = 1 << 14
 # A covariance is checked before it may grow by so much without observations, as the power `2 poles` of the time in
 # units of 1 / bandwidth: eight digits are left. While V is not zero, and each sample updates it too, at least so often.
 LARGEST_GROWTH = 1e8
@@ -39,7 +39,9 @@ STEADY_RTOL = 1e-2
 class FilterState:
     """State of the covariance filter before a sample."""
 
-    mean: Floats  # (channel, state), predicted for the next sample: the levels, then their first differences, and so on
+    # (channel, state), predicted for the next sample, real and imaginary parts of the orders in turn: the levels, then
+    # their first differences, and so on.
+    mean: Floats
     covariance: Floats  # (state, state), P
     factor: Floats  # (state, state), V
     innovations: Innovations  # after start-up
@@ -50,7 +52,7 @@ class FilterState:
     @classmethod
     def prior(cls, model: HarmonicModel, *, channels: int) -> "FilterState":
         """Return the state before the first sample, or refuse a prior too wide for double precision."""
-        variance = model.prior_variance()
+        variance = _paired(model, model.prior_variance())
         if variance.max() > LARGEST_PRIOR**2:
             raise lost(model, "exact")
         size = variance.size
@@ -84,6 +86,14 @@ class FilterState:
             self.diffuse = True
 
 
+def _paired(model: HarmonicModel, values: Floats) -> Floats:
+    """(..., 2 order) array, real and imaginary parts in turn, from (..., column) values; 0 for the mean's imaginary."""
+    paired = np.zeros((*values.shape[:-1], 2 * model.orders.size))
+    paired[..., ::2] = values[..., : model.orders.size]
+    paired[..., 2 * model.nonzero + 1] = values[..., model.orders.size :]
+    return paired
+
+
 def causal_filter(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, steady_error: float | None = None
 ) -> Estimate:
@@ -101,7 +111,7 @@ def causal_filter(
 class SteadyGains:
     """The steady state of the filter of constant bandwidths."""
 
-    shares: Floats  # (state,), times h the Kalman gains
+    gains: Floats  # (pole, 2 order), times h the Kalman gains
     variances: Floats  # (order,), of an amplitude's quadratures
     innovation_variance: float
     settling: int  # samples without a missing one after which the variance is within `STEADY_RTOL` of these
@@ -113,7 +123,7 @@ class SteadyGains:
         noise = np.where(model.orders == 0, 1.0, 2.0)
         shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
         return cls(
-            shares=shares[:, model.order_of_column].ravel(), variances=shares[0],
+            gains=np.repeat(shares, 2, axis=1), variances=shares[0],
             innovation_variance=float(1 + np.sum(shares[0] / (1 - shares[0] / noise))),
             settling=ceil(log(2 / STEADY_RTOL) / (2 * min(band.filter_decay for band in bands))),
         )  # fmt: skip
@@ -125,20 +135,20 @@ def filter_on(
 ) -> Estimate:  # fmt: skip
     """Continue the filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    Updates the state; of the variances in the steady state at the end only the first is returned. Outputs and `startup`
-    are counted from the first sample of the record.
+    Updates the state; of the variances in the steady state at the end only the first is
+    returned. Outputs and `startup` are counted from the first sample of the record.
     Given steady-state gains, they take over from the covariance filter once it has settled, until a sample is missing.
     Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
     longer positive definite, FloatingPointError is raised.
     """
-    channels, samples = x.shape
+    (channels, samples), orders, width = x.shape, model.orders, 2 * model.orders.size
     places = np.arange(-state.count % output_every, samples, output_every)
-    amplitudes = np.empty((places.size, channels, model.orders.size), dtype=np.complex128)
-    variances = np.empty((places.size, model.orders.size))
+    levels, variances = np.empty((places.size, channels, width)), np.empty((places.size, orders.size))
     longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
+    process = _paired(model, model.process_noise(slice(0, 1)))
     missing = np.append(np.flatnonzero(np.isnan(x[0])), samples)
-    constant = model.process_noise() if model.bandwidth.shape[1] == 1 else None
-    begin, known, work = 0, 0, np.empty((3, state.mean.shape[1]))
+    work, rows = np.empty((5, max(PIECE, model.poles * width))), np.empty((PIECE, width))
+    begin, known = 0, 0
     while begin < samples:
         gap = int(missing[np.searchsorted(missing, begin)])
         settled = steady is not None and state.observed >= steady.settling and gap > begin
@@ -146,22 +156,28 @@ def filter_on(
         end = min(begin + SAMPLES_AT_ONCE, gap) if settled else min(begin + interval - state.count % interval, samples)
         if steady is not None and not settled:
             end = min(end, begin + max(steady.settling - state.observed, 1))
-        span, due = slice(begin, end), slice(*np.searchsorted(places, [begin, end]).tolist())
-        values, innovations = np.ascontiguousarray(x[:, span]), np.zeros((channels, end - begin))
-        gains = (steady.shares, steady.innovation_variance) if steady and settled else (np.empty(0), 0.0)
-        process = model.process_noise(span) if constant is None else constant
-        filter_samples(
-            values, model.regressors(span), process, state.mean, state.covariance, state.factor,
-            state.diffuse, *gains, (-state.count % output_every, output_every), model.nonzero, innovations,
-            amplitudes[due], variances[due], work,
-        )  # fmt: skip
-        if not settled:
+        span, done = slice(begin, end), int(np.searchsorted(places, begin))
+        due = slice(done, int(np.searchsorted(places, end)))
+        outputs = -state.count % output_every, output_every
+        values, normalised = np.ascontiguousarray(x[:, span].T), np.zeros((end - begin, channels))
+        given = values, np.ascontiguousarray(model.phase(span)), orders, model.shaft
+        if steady is not None and settled:
+            mean = state.mean.reshape(channels, model.poles, width)
+            filter_steadily(*given, steady.gains, mean, *outputs, work, rows, normalised, levels[done:])
+            normalised /= sqrt(steady.innovation_variance)
+        else:
+            q = process if model.bandwidth.shape[1] == 1 else _paired(model, model.process_noise(span))
+            own, found = (state.mean, state.covariance), (normalised, levels[done:])
+            filter_covariance(
+                *given, q, *own, outputs, *found, variances[done:], state.factor, state.diffuse, work, rows
+            )
+            variances[due, orders == 0] *= 2  # the mean has one quadrature
             if steady is not None:
                 variances[known : due.start] = steady.variances
             known = due.stop
             if not variances[due].min(initial=np.inf) > 0:
                 raise lost(model, "exact")
-        state.innovations.add(innovations, ~np.isnan(values[0]), skip=startup - state.count)
+        state.innovations.add(normalised.T, ~np.isnan(x[0, span]), skip=startup - state.count)
         last = int(missing[np.searchsorted(missing, end) - 1]) if gap < end else begin - 1 - state.observed
         state.count, state.observed, begin = state.count + end - begin, end - 1 - last, end
         if not settled and state.count % interval == 0:
@@ -169,7 +185,5 @@ def filter_on(
     if steady is not None and known < places.size:
         variances = variances[: known + 1]
         variances[known] = steady.variances
-    return Estimate(
-        amplitude=amplitudes.transpose(1, 2, 0), variance=variances.T, innovations=state.innovations,
-        std_spacing=output_every,
-    )  # fmt: skip
+    amplitude = levels.view(np.complex128).transpose(1, 2, 0)
+    return Estimate(amplitude=amplitude, variance=variances.T, innovations=state.innovations, std_spacing=output_every)
