@@ -303,7 +303,7 @@ def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
     text = [
         "Four records, with the first two as baseline, the second of which is already diagnosed.\n",
-        "| recorded | largest condition index | deviation | component | alarm |",
+        "| recorded | condition index | deviation | component | alarm |",
     ]
     text += ["|---|---|---|---|---|"]
     for when, index, change, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):

@@ -67,7 +67,7 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
 
 
 def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
-    """Yield time, largest condition index, how it changed, its component, and its standing alarm, of later records."""
+    """Yield time, condition index, change and alarm of the worst component, if any of those with an alarm."""
     gearbox = load_gearbox(ROOT / "tests" / "data" / "wind-turbine.toml")
     state = MachineState(machine="turbine", settings=MonitorSettings(baseline_records=2))
     history = MachineHistory(state=state)
@@ -87,7 +87,7 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
         history.follow([observation(row)], ())
         found = history.last
         if found is not None:
-            worst = max(found.index, key=lambda name: found.index[name])
-            alarm = state.standing.get(worst, {"state": ""})
-            words = f"{alarm['severity']}: {alarm['indicator']}" if alarm["state"] == "raised" else ""
+            standing = {name: one for name, one in state.standing.items() if one["state"] == "raised"}
+            worst = max(standing or found.index, key=lambda name: found.index[name])
+            words = "".join(f"{one['severity']}: {one['indicator']}" for name, one in standing.items() if name == worst)
             yield when, found.index[worst], f"{found.ratio[worst]:.3g} times normal", worst, words
