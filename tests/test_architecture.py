@@ -89,7 +89,7 @@ BUDGETS = """
     hums/report                                                 977    941    800
     data_synth (root)                                          2400   1549   1300
     data_synth/dynamics, data_synth/integrators                4106   2805   2600
-    data_synth/fidelity, data_synth/vibration                  4287   2190   2000
+    data_synth/fidelity, data_synth/vibration                  4287   2197   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2485   2200
     data_synth/sources, data_synth/transfer                    1545   1219   1200

@@ -5,7 +5,7 @@ and the variation of a stiffness, and the lag of lines behind a varying speed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from data_synth.fidelity.linear_response import (
     Response,
     ToothForces,
     obstacle,
+    period_of,
     response_of,
     tooth_forces,
     with_lines,
@@ -86,6 +87,7 @@ class _Estimate:
     """Error of the linear response of gears, as mean powers in the channels, (sensor,)."""
 
     motion: Motion
+    _known: dict[int, tuple[ToothForces, list[_Place]]] = field(default_factory=dict, init=False)
 
     @cached_property
     def _response(self) -> Response:
@@ -99,21 +101,25 @@ class _Estimate:
             return [0]
         return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
 
+    def _excited_by(self, mesh: int) -> tuple[ToothForces, list[_Place]]:
+        """Return the exciting force of a mesh, and its lines at every instant."""
+        if mesh not in self._known:
+            instants, speed_hz = self._instants, self.motion.stage.speed_hz
+            force = tooth_forces(self.motion, self.motion.system.meshes[mesh].name, points=COARSE)
+            lines = self._response.excitations(force, instants).T
+            both = zip(instants, lines, strict=True)
+            places = [(mesh, instant, force.orders * speed_hz[instant], excitation) for instant, excitation in both]
+            self._known[mesh] = force, places
+        return self._known[mesh]
+
     @cached_property
     def _forces(self) -> list[ToothForces]:
-        return [tooth_forces(self.motion, mesh.name, points=COARSE) for mesh in self.motion.system.meshes]
+        return [self._excited_by(mesh)[0] for mesh in range(len(self.motion.system.meshes))]
 
     @cached_property
     def _places(self) -> list[_Place]:
         """Every mesh at every instant."""
-        speed_hz = self.motion.stage.speed_hz
-        return [
-            (mesh, instant, force.orders * speed_hz[instant], excitation)
-            for mesh, force in enumerate(self._forces)
-            for instant, excitation in zip(
-                self._instants, self._response.excitations(force, self._instants).T, strict=True
-            )
-        ]
+        return [place for mesh in range(len(self._forces)) for place in self._excited_by(mesh)[1]]
 
     @cached_property
     def _transfers(self) -> list[ComplexArray]:
@@ -131,17 +137,23 @@ class _Estimate:
         return np.asarray(np.sum(powers, axis=0) / len(self._instants))
 
     def teeth_part(self) -> bool:
-        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force."""
-        static_n, means = np.abs(self.motion.static_n), self._response.means
-        if any(np.min(force.stiffness) < MIN_STIFFNESS * means[mesh] for mesh, force in enumerate(self._forces)):
-            return True
-        total = np.zeros(static_n.shape)
-        for place in self._places:
-            lines = means[:, None] * self._deflections(place)
-            lines[place[0]] += place[-1]  # k (d - e) = k_mean d + q
-            total[:, place[1]] += np.sum(np.abs(lines), axis=1)
-        free = [mesh.backlash_m > 0 for mesh in self.motion.system.meshes]
-        return bool(np.any((total >= static_n)[free][:, self._instants]))
+        """Return whether contact may be lost: with a stiffness near zero, or lines that exceed the static force.
+
+        Meshes that repeat after few cycles have few lines, and come first.
+        """
+        static_n, meshes = np.abs(self.motion.static_n), self.motion.system.meshes
+        total, free = np.zeros(static_n.shape), [mesh.backlash_m > 0 for mesh in meshes]
+        for mesh in sorted(range(len(meshes)), key=lambda number: period_of(meshes[number])):
+            force, places = self._excited_by(mesh)
+            if np.min(force.stiffness) < MIN_STIFFNESS * self._response.means[mesh]:
+                return True
+            for place in places:
+                lines = self._response.means[:, None] * self._deflections(place)
+                lines[mesh] += place[-1]  # k (d - e) = k_mean d + q
+                total[:, place[1]] += np.sum(np.abs(lines), axis=1)
+            if np.any((total >= static_n)[free][:, self._instants]):
+                return True
+        return False
 
     def error_db(self) -> float:
         """Return the relative RMS error of the worst channel in dB."""
