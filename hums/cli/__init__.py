@@ -94,7 +94,17 @@ def main() -> int:
             return WRONG_USAGE
         finally:
             sys.unraisablehook = hook
+            _drop_what_is_not_taken()
     return status or 0
+
+
+def _drop_what_is_not_taken() -> None:
+    """Drop what a full device does not take: the interpreter would try again at its end, and exit with 120."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _interrupt_again(ignored: Any) -> None:  # noqa: ANN401

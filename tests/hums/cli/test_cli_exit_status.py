@@ -121,7 +121,9 @@ def test_ctrl_c_in_a_callback_of_the_interpreter_is_not_lost(run, monkeypatch):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize(("status", "redirection"), [(1, "> /dev/full"), (0, "2> /dev/full"), (0, ">&-"), (0, "2>&-")])
-def test_streams_that_take_nothing(status, redirection):
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_streams_that_take_nothing(status, redirection, unbuffered, monkeypatch):
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     told = subprocess.run(
         ["sh", "-c", f"exec {sys.executable} -m hums orders two-stage {redirection}"], capture_output=True, check=False
     )
