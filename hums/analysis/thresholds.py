@@ -175,8 +175,9 @@ half of all lines; doubled, slow shafts explain none.
 IMPACT_HARMONICS = 10
 """Harmonics of the line of a damaged bearing, or of a line as deep, that explain the lines of others.
 
-A band shows harmonics of impacts up to half its width. Four of 140 faulty machines (held out, numbers 41000 to 41159)
-have a sound part diagnosed at 3, which is the fourth or fifth harmonic of the damaged one, and none at 10 or 20.
+A band shows harmonics of impacts up to half its width. At 3, sound parts of three of 140 faulty machines (held out,
+numbers 41000 to 41159) are diagnosed that are the fourth or fifth harmonic of the damaged one. Halved, one of them is
+still; doubled, none, as here.
 """
 
 SHAFT_MULTIPLES = 30
