@@ -293,9 +293,9 @@ def _on_another_shaft(bands: Sequence[BandEvidence], bearing: BearingOrders, set
             width = MATCH_BINS * band.bin_width
             for place in np.flatnonzero(deep):
                 line, depth = float(band.orders[place]), float(band.depths[place])
-                harmonic = (np.abs(band.orders - 2 * line) <= width).any()
-                other = _harmonic(line, depth, band, setting) or _comb_of_a_shaft(line, depth, band, setting)
-                if harmonic and not other:
+                if not (np.abs(band.orders - 2 * line) <= width).any():
+                    continue
+                if not (_harmonic(line, depth, band, setting) or _comb_of_a_shaft(line, depth, band, setting)):
                     of = f"the line at {line:.3f}, which modulates by {depth:.0%}, would be {kind.replace('_', ' ')}"
                     found = (depth, f"{of} on the shaft of order {shaft:.4g}; check on which shaft the bearing sits")
     return found
