@@ -45,8 +45,8 @@ from numpy.typing import NDArray
 from scipy.integrate import odeint
 
 from data_synth.dynamics.system import Mesh, System
-from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Accuracy, Load, Output, Problem, State, Steps
+from data_synth.integrators.driver import integrate, steps_for_error
+from data_synth.integrators.problem import Load, Output, Problem, State
 from hums.plots import save_figure
 
 Array = NDArray[np.float64]
@@ -206,18 +206,21 @@ SPECTRAL_RADII = {"Newmark 1/4": None, "generalised alpha 0.8": 0.8}
 
 def runs(case: Case) -> dict[tuple[str, str], Callable[[], Array]]:
     """Return every way through a case, by method and setting."""
+    read = output(case.rate_hz)
 
-    def ours(tolerance: Steps | Accuracy) -> Callable[[], Array]:
-        read = output(case.rate_hz)
-        return lambda: integrate(case.problem, output=read, tolerance=tolerance).values
+    def ours(steps: int) -> Array:
+        return integrate(case.problem, output=read, steps=steps).values
+
+    def chosen(relative: float) -> Array:
+        return ours(steps_for_error(case.problem, output=read, relative=relative))
 
     found = {}
     for name, steps in case.steps.items():
         for count in steps:
             call = partial(case.read_by, name, count)
-            found[name, f"{count} per sample"] = ours(Steps(per_sample=count)) if name == "splitting" else call
+            found[name, f"{count} per sample"] = partial(ours, count) if name == "splitting" else call
     for relative in CHOSEN:
-        found["splitting, chosen", f"{relative:g} requested"] = ours(Accuracy(relative=relative))
+        found["splitting, chosen", f"{relative:g} requested"] = partial(chosen, relative)
     return found
 
 
@@ -227,8 +230,7 @@ def reference_of(case: Case) -> Array:
         return case.read(explicit(case.peer, DORMAND_PRINCE_8, times_s=case.times_s, steps=case.reference))
     if not case.reference:
         return np.asarray(by_exponentials(case.problem, output(case.rate_hz)))
-    steps = Steps(per_sample=case.reference)
-    return integrate(case.problem, output=output(case.rate_hz), tolerance=steps).values
+    return integrate(case.problem, output=output(case.rate_hz), steps=case.reference).values
 
 
 def timed(call: Callable[[], Array], repeats: int) -> tuple[float, Array]:
@@ -286,7 +288,7 @@ def energies(steps: float) -> tuple[float, float, float]:
             duration_s=OSCILLATIONS * PERIOD,
             start=start,
         )
-        found = integrate(problem, output=read, tolerance=Steps(per_sample=1))
+        found = integrate(problem, output=read, steps=1)
         q, v = found.values.T
         departure = (v**2 + np.maximum(np.abs(q) - 1, 0) ** 2) / (AMPLITUDE - 1) ** 2 - 1
         early.append(np.max(np.abs(departure[: q.size // 10])))

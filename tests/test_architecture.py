@@ -72,7 +72,7 @@ BUDGETS = """
     signals (root)                                              560    486    400
     signals/angle                                              1111   1070    900
     signals/demodulation                                        905    870    750
-    signals/harmonics, signals/slipping_order                  4012   2809   2500
+    signals/harmonics, signals/slipping_order                  4012   2807   2500
     signals/health, signals/indicators                          955    839    800
     signals/monitoring                                         1135    543    700
     signals/resampling                                          799    796    600
@@ -88,8 +88,8 @@ BUDGETS = """
     hums/records                                               1831   1831   1200
     hums/report                                                 977    941    800
     data_synth (root)                                          2400   1549   1300
-    data_synth/dynamics, data_synth/integrators                4106   2805   2600
-    data_synth/fidelity, data_synth/vibration                  4287   2197   2000
+    data_synth/dynamics, data_synth/integrators                4106   2780   2600
+    data_synth/fidelity, data_synth/vibration                  4287   2193   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2485   2200
     data_synth/sources, data_synth/transfer                    1545   1219   1200

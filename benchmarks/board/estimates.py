@@ -202,7 +202,8 @@ def integrated(name: str) -> float:
 
         more["method"] = Splitting()
     read = gear_pair.state_output(1 / gear_pair.PERIOD_S)
-    found = driver.integrate(posed, output=read, tolerance=problem.Steps(per_sample=STEPS), **more)
+    more |= {"tolerance": problem.Steps(per_sample=STEPS)} if hasattr(problem, "Steps") else {"steps": STEPS}
+    found = driver.integrate(posed, output=read, **more)
     scale = np.abs(state)
     scale[3] = np.max(np.abs(found.values[:, 3]))
     return float(np.max(np.abs(found.values[-1] - state) / scale))

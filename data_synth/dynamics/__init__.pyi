@@ -38,14 +38,13 @@ from data_synth.gears.mesh_stiffness import fourier_series as fourier_series
 from data_synth.gears.transmission_error import ProfileError as ProfileError
 from data_synth.integrators.driver import integrate as integrate
 from data_synth.integrators.driver import integrate_blocks as integrate_blocks
-from data_synth.integrators.problem import Accuracy as Accuracy
+from data_synth.integrators.driver import steps_for_error as steps_for_error
 from data_synth.integrators.problem import Integration as Integration
 from data_synth.integrators.problem import IntegrationError as IntegrationError
 from data_synth.integrators.problem import Load as Load
 from data_synth.integrators.problem import Output as Output
 from data_synth.integrators.problem import Problem as Problem
 from data_synth.integrators.problem import State as State
-from data_synth.integrators.problem import Steps as Steps
 from data_synth.operation.shaft_angle import ShaftAngle as ShaftAngle
 from data_synth.vibration.steady_state import PeriodicState as PeriodicState
 from data_synth.vibration.steady_state import periodic_state as periodic_state

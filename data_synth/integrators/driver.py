@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Steps
+from data_synth.integrators.problem import Integration, IntegrationError
 from data_synth.integrators.splitting import Stepper, channel_rows, refusal
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from data_synth.integrators.problem import Array, Output, Problem
 
 BLOCK = 8192  # samples in memory at a time, whatever the length of the record
-_TRIAL = 4096  # samples at the beginning that determine the number of steps
 _MAX_STEPS = 256  # per sample
 _LEAST_GAIN = 4.0  # in accuracy of halving the step where teeth separate: the error is of second order
 _MIN_ALTERNATING = 1e-3  # of the RMS: lower limit of the alternating part to which errors are referred
@@ -30,7 +29,7 @@ _MAX_REFINEMENT = 31  # factor of the number of steps for the comparison
 _COMPARED_SAMPLES = 256
 
 
-def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) -> Integration:
+def integrate(problem: Problem, *, output: Output, steps: int) -> Integration:
     """Integrate the equations of motion of a problem by exponential splitting and return the whole record.
 
     The method is of fourth order where motion is smooth and of second order where teeth lose contact
@@ -42,8 +41,8 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
         System, reference angle, load, initial state and duration.
     output : Output
         Channels and sampling rate.
-    tolerance : Steps or Accuracy
-        Number of steps per sample, or a bound on the error that determines it.
+    steps : int
+        Steps per sample, at least 1; `steps_for_error` returns the number for a bound on the error.
 
     Returns
     -------
@@ -54,14 +53,14 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     ValueError
         If the matrices are not symmetric, or the output maps do not fit the system.
     IntegrationError
-        If the step size is refused, the tolerated error cannot be reached, or the motion diverges.
+        If the step size is refused, or the motion diverges.
 
     Examples
     --------
     An oscillator of 2 rad/s released at 1 m moves as ``cos 2 t``:
 
     >>> import numpy as np
-    >>> from data_synth.dynamics import Load, Output, Problem, ShaftAngle, State, Steps, System, integrate
+    >>> from data_synth.dynamics import Load, Output, Problem, ShaftAngle, State, System, integrate
     >>> one = np.eye(1)
     >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
     >>> problem = Problem(
@@ -72,25 +71,21 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     ...     start=State(displacement=np.ones(1), velocity=np.zeros(1)),
     ... )
     >>> output = Output(rate_hz=10.0, displacement=one)
-    >>> found = integrate(problem, output=output, tolerance=Steps(per_sample=1))
+    >>> found = integrate(problem, output=output, steps=1)
     >>> bool(np.allclose(found.values[:, 0], np.cos(2 * found.times_s), atol=1e-12))
     True
     """
-    assembled = assemble(problem)
-    steps = _steps(assembled, output, tolerance)
-    blocks = list(_blocks(assembled, output, steps, BLOCK))
+    blocks = list(integrate_blocks(problem, output=output, steps=steps))
     times_s, values = (np.concatenate([getattr(block, part) for block in blocks]) for part in ("times_s", "values"))
     return replace(blocks[-1], times_s=times_s, values=values)
 
 
-def integrate_blocks(
-    problem: Problem, *, output: Output, tolerance: Steps | Accuracy, block: int = BLOCK
-) -> Iterator[Integration]:
+def integrate_blocks(problem: Problem, *, output: Output, steps: int, block: int = BLOCK) -> Iterator[Integration]:
     """Integrate the equations of motion of a problem and yield the record in blocks, with bounded memory.
 
     Parameters
     ----------
-    problem, output, tolerance
+    problem, output, steps
         As for `integrate`.
     block : int
         Samples per block, at least 1.
@@ -108,7 +103,7 @@ def integrate_blocks(
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.dynamics import Load, Output, Problem, ShaftAngle, State, Steps, System, integrate_blocks
+    >>> from data_synth.dynamics import Load, Output, Problem, ShaftAngle, State, System, integrate_blocks
     >>> one = np.eye(1)
     >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
     >>> problem = Problem(
@@ -119,59 +114,28 @@ def integrate_blocks(
     ...     start=State(displacement=np.ones(1), velocity=np.zeros(1)),
     ... )
     >>> output = Output(rate_hz=10.0, displacement=one)
-    >>> blocks = integrate_blocks(problem, output=output, tolerance=Steps(per_sample=1), block=20)
+    >>> blocks = integrate_blocks(problem, output=output, steps=1, block=20)
     >>> [part.values.shape for part in blocks]  # 51 samples, the end included
     [(20, 1), (20, 1), (11, 1)]
     """
-    if block < 1:
-        raise ValueError(f"block = {block} must be at least 1 sample.")
-    assembled = assemble(problem)
-    yield from _blocks(assembled, output, _steps(assembled, output, tolerance), block)
-
-
-def steps_to_a_sample(problem: Problem, *, output: Output, tolerance: Accuracy) -> int:
-    """Return the number of steps per sample that keeps the error within a tolerance over the whole of a short problem.
-
-    Raises
-    ------
-    IntegrationError
-        If 256 steps per sample do not suffice.
-
-    Examples
-    --------
-    The motion of a mass under a constant force is integrated exactly, so one step is enough:
-
-    >>> import numpy as np
-    >>> from data_synth.dynamics import Accuracy, Body, Load, Output, Problem, ShaftAngle, build_system
-    >>> from data_synth.integrators.driver import steps_to_a_sample
-    >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
-    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
-    >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
-    >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
-    >>> steps_to_a_sample(problem, output=output, tolerance=Accuracy(relative=1e-3))
-    1
-    """
-    return _enough_steps(assemble(problem), output, tolerance.relative, trial=_samples(problem, output.rate_hz))
-
-
-def _samples(problem: Problem, rate_hz: float) -> int:
-    """Return the number of samples after the first; a duration of whole sample intervals includes its end."""
-    return int(np.floor(problem.duration_s * rate_hz * (1 + 4 * np.finfo(float).eps)))
-
-
-def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iterator[Integration]:
-    a, rate_hz = assembled, output.rate_hz
-    stepper, x = Stepper.of(a, output, steps), a.modal(a.problem.start)
-    shifts = {round((time_s - a.problem.start_s) * rate_hz): state for time_s, state in a.problem.shifts}
-    values, count, number = stepper.at_start(x), _samples(a.problem, rate_hz) + 1, 0
+    for name, value in (("block", block), ("steps", steps)):
+        if value < 1:
+            raise ValueError(f"{name} = {value} must be at least 1.")
+    a, rate_hz = assemble(problem), output.rate_hz
+    stepper, x = Stepper.of(a, output, steps), a.modal(problem.start)
+    refused = _too_coarse(a, output, steps)
+    if refused is not None:
+        raise refused
+    shifts = {round((time_s - problem.start_s) * rate_hz): state for time_s, state in problem.shifts}
+    values, count, number = stepper.at_start(x), _samples(problem, rate_hz) + 1, 0
     while number < count:
-        last = min(number + size, count) - 1
+        last = min(number + block, count) - 1
         while (at := number + values.shape[0] - 1) < last:
             until = min([last, *(sample for sample in shifts if sample > at)])
             values = np.concatenate([values, stepper.advance(x, at, until - at)])
             if until in shifts:
                 x += a.modal(shifts[until])
-        times_s = a.problem.start_s + np.arange(number, number + values.shape[0]) / rate_hz
+        times_s = problem.start_s + np.arange(number, number + values.shape[0]) / rate_hz
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
             detail = f"The motion exceeds the range of floating-point numbers at {times_s[np.argmin(finite)]:.6g} s."
@@ -182,21 +146,49 @@ def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iter
         number, values = number + values.shape[0], values[:0]
 
 
-def _steps(assembled: Assembled, output: Output, tolerance: Steps | Accuracy) -> int:
-    """Return steps per sample; raise IntegrationError if no number suffices, ValueError for unsuitable maps."""
-    channel_rows(assembled, output)
-    if isinstance(tolerance, Accuracy):
-        return _enough_steps(assembled, output, tolerance.relative, trial=_TRIAL)
-    refused = _too_coarse(assembled, output, tolerance.per_sample)
-    if refused is not None:
-        raise refused
-    return tolerance.per_sample
+def steps_for_error(problem: Problem, *, output: Output, relative: float, trial: int = 4096) -> int:
+    """Return the number of steps per sample that keeps the RMS error of every channel within a bound.
 
+    Runs over the first samples with one step size and with half of it are compared. Because phase errors grow with
+    time, their difference is scaled up to the whole record.
 
-def _enough_steps(assembled: Assembled, output: Output, relative: float, *, trial: int) -> int:
-    """Return steps per sample from runs over the first samples of the record with different numbers of steps."""
-    count = _samples(assembled.problem, output.rate_hz)
-    trial, steps, tolerated = min(count, trial), 1, _SAFETY * relative
+    Parameters
+    ----------
+    problem, output
+        As for `integrate`.
+    relative : float
+        RMS error, between 0 and 1, relative to the RMS of the channel about its mean, or to a thousandth of its total
+        RMS if that is larger.
+    trial : int
+        Number of samples that are compared, if the record has more.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    ValueError
+        If `relative` is out of range.
+    IntegrationError
+        If 256 steps per sample do not suffice.
+
+    Examples
+    --------
+    The motion of a mass under a constant force is integrated exactly, so one step is enough:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import Body, Load, Output, Problem, ShaftAngle, build_system, steps_for_error
+    >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
+    >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
+    >>> steps_for_error(problem, output=Output(rate_hz=10.0, displacement=np.eye(1)), relative=1e-3)
+    1
+    """
+    if not 0 < relative < 1:
+        raise ValueError(f"relative = {relative} must be above 0 and below 1.")
+    assembled, count, steps = assemble(problem), _samples(problem, output.rate_hz), 1
+    trial, tolerated = min(count, trial), _SAFETY * relative
     while steps < _MAX_STEPS and _too_coarse(assembled, output, steps):
         steps *= 2
     coarse, error = _trial_run(assembled, output, steps, trial), np.inf
@@ -212,6 +204,11 @@ def _enough_steps(assembled: Assembled, output: Output, relative: float, *, tria
         f"but {relative:g} is asked for.",
         "tolerate a larger error, or raise rate_hz",
     )
+
+
+def _samples(problem: Problem, rate_hz: float) -> int:
+    """Return the number of samples after the first; a duration of whole sample intervals includes its end."""
+    return int(np.floor(problem.duration_s * rate_hz * (1 + 4 * np.finfo(float).eps)))
 
 
 def _too_coarse(assembled: Assembled, output: Output, steps: int) -> IntegrationError | None:

@@ -1,4 +1,4 @@
-"""Data classes of a time integration: problem, output, tolerance and result."""
+"""Data classes of a time integration: problem, output and result."""
 
 from __future__ import annotations
 
@@ -217,56 +217,6 @@ class Output:
         return int(next(iter(self.maps.values())).shape[0])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Steps:
-    """A fixed number of integration steps per sample of the output.
-
-    Attributes
-    ----------
-    per_sample : int
-        At least 1.
-
-    Examples
-    --------
-    >>> from data_synth.dynamics import Steps
-    >>> Steps(per_sample=4).per_sample
-    4
-    """
-
-    per_sample: int
-
-    def __post_init__(self) -> None:
-        if self.per_sample < 1:
-            raise ValueError(f"per_sample = {self.per_sample} must be at least 1.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Accuracy:
-    """A bound on the RMS error of every channel, which determines the number of steps.
-
-    Runs over the first 4096 samples with one step size and with half of it are compared. Because phase errors grow with
-    time, their difference is scaled up to the whole record.
-
-    Attributes
-    ----------
-    relative : float
-        RMS error, between 0 and 1, relative to the RMS of the channel about its mean, or to a thousandth of its total
-        RMS if that is larger.
-
-    Examples
-    --------
-    >>> from data_synth.dynamics import Accuracy
-    >>> Accuracy(relative=1e-3).relative
-    0.001
-    """
-
-    relative: float
-
-    def __post_init__(self) -> None:
-        if not 0 < self.relative < 1:
-            raise ValueError(f"relative = {self.relative} must be above 0 and below 1.")
-
-
 class IntegrationError(ArithmeticError):
     """An integration that failed: the reason with its figures (`detail`), and the remedy.
 
@@ -308,13 +258,13 @@ class Integration:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import (
-    ...     Body, Load, Output, Problem, ShaftAngle, Steps, build_system, integrate,
+    ...     Body, Load, Output, Problem, ShaftAngle, build_system, integrate,
     ... )
     >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
     >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
     >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
     >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
-    >>> found = integrate(problem, output=output, tolerance=Steps(per_sample=1))
+    >>> found = integrate(problem, output=output, steps=1)
     >>> found.values.shape, round(float(found.values[-1, 0]), 9)
     ((21, 1), 2.0)
     """

@@ -18,7 +18,7 @@ from data_synth.dynamics.elements import BearingShaft
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
-from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Output, Problem, State, Steps
+from data_synth.integrators.problem import Integration, IntegrationError, Output, Problem, State
 from data_synth.operation.drive import ReferenceAngle
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.scene.faults import LOSING_CONTACT, GearFault
@@ -193,7 +193,6 @@ class _WeightedForces:
 # ---- Run -------------------------------------------------------------------------------------------------------------
 
 
-_BLOCK = 8192
 _TRIAL = 4096
 _DAMPING = 0.02  # damping ratio of undamped gears, for their forced vibration
 _TOP = 1 - 1e-9  # of the top speed: smaller changes are rounding
@@ -308,9 +307,7 @@ class Motion:
         last = (settling + samples - 1) * self.oversampling + delay
         problem, first = self.problem(-settling / rate_hz, last / output.rate_hz), -settling * self.oversampling - delay
         try:
-            for block in integrate_blocks(
-                problem, output=output, tolerance=Steps(per_sample=self.steps()), block=_BLOCK
-            ):
+            for block in integrate_blocks(problem, output=output, steps=self.steps()):
                 yield block, first + np.arange(block.times_s.size)
                 first += block.times_s.size
         except IntegrationError as caught:
@@ -318,7 +315,7 @@ class Motion:
 
     def steps(self) -> int:
         """Return the steps per sample for the error tolerance, from a trial of 4096 samples at the critical time."""
-        from data_synth.integrators.driver import steps_to_a_sample  # noqa: PLC0415
+        from data_synth.integrators.driver import steps_for_error  # noqa: PLC0415
 
         if self.steps_per_sample is not None:
             return self.steps_per_sample
@@ -338,10 +335,11 @@ class Motion:
         first_s = -min(self.settling_time_s, long_s / 2) if reverses else 0.0
         start_s = min(max(first_s, critical_s - long_s / 2), max(0.0, scene.duration_s - long_s))
         try:
-            return steps_to_a_sample(
+            return steps_for_error(
                 self.problem(start_s, long_s),
                 output=trial_output if weighted is None else weighted.trial_output,
-                tolerance=Accuracy(relative=self.error),
+                relative=self.error,
+                trial=_TRIAL * self.oversampling,
             )
         except IntegrationError as caught:
             raise not_followed(caught) from None
@@ -504,9 +502,8 @@ def check_supported(scene: Scene) -> None:
 
 def not_followed(caught: IntegrationError) -> SceneError:
     """Return the error of a scene whose integration failed, with remedies."""
-    words = str(caught).partition(" To do:")[0]
     return SceneError(
-        f"the gears cannot be followed in time: {words} Raise dynamics.error or rate_hz; or check torque, "
+        f"the gears cannot be followed in time: {caught.detail} Raise dynamics.error or rate_hz; or check torque, "
         "damping_ratio and backlash_um, if teeth should not part."
     )
 

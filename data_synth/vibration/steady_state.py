@@ -11,7 +11,7 @@ from scipy import linalg
 
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import IntegrationError, State, Steps
+from data_synth.integrators.problem import IntegrationError, State
 from data_synth.integrators.splitting import Stepper, refusal
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class PeriodicState:
         return bool(np.all(np.abs(self.multipliers) <= 1 + 1e-9))
 
 
-def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Steps | None = None) -> PeriodicState:
+def periodic_state(problem: Problem, *, output: Output, samples: int, steps: int = 1) -> PeriodicState:
     """Return the periodic steady state of a problem by shooting: Newton's method on the map over one period.
 
     Parameters
@@ -86,8 +86,8 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
         Channels of the waveform; its rate is replaced by `samples` per period.
     samples : int
         Samples per period.
-    steps : Steps, optional
-        Integration steps per sample. Default: one.
+    steps : int
+        Integration steps per sample.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
 
     >>> import numpy as np
     >>> from data_synth.dynamics import (
-    ...     Constant, Load, Mesh, Output, Problem, ProfileError, ShaftAngle, Steps, System, periodic_state,
+    ...     Constant, Load, Mesh, Output, Problem, ProfileError, ShaftAngle, System, periodic_state,
     ... )
     >>> one, error = np.eye(1), ProfileError(harmonics_m=np.array([1e-6]))
     >>> mesh = Mesh(name="m", direction=np.ones(1), stiffness=Constant(mean=100.0), error=error)
@@ -113,20 +113,19 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
     >>> turning = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([10 / (2 * np.pi)]))
     >>> problem = Problem(system=system, reference=turning, load=Load(constant=np.zeros(1)), duration_s=np.pi / 5)
     >>> read = Output(rate_hz=1.0, displacement=one)
-    >>> state = periodic_state(problem, output=read, samples=64, steps=Steps(per_sample=2))
+    >>> state = periodic_state(problem, output=read, samples=64, steps=2)
     >>> f"{np.ptp(state.waveform.values) / 2:.3e}", state.stable
     ('1.000e-05', True)
     """
     assembled = assemble(problem)
     output = replace(output, rate_hz=samples / problem.duration_s)
-    tolerance = steps or Steps(per_sample=1)
     periodic = _periodic_entries(assembled)
     linear = not assembled.equations.drag_factors.size and not np.any(assembled.backlashes > 0)
-    refused = refusal(assembled, problem.duration_s / samples / tolerance.per_sample)
+    refused = refusal(assembled, problem.duration_s / samples / steps)
     if refused is not None:
         raise refused
     start = assembled.modal(problem.start) if problem.start is not None else equilibrium(assembled)
-    stepper = partial(Stepper.of, assembled, output, tolerance.per_sample)
+    stepper = partial(Stepper.of, assembled, output, steps)
     x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
     if residual > _TOLERANCE:
         raise IntegrationError(
@@ -136,7 +135,7 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
     state = assembled.physical(x)
     return PeriodicState(
         start=state,
-        waveform=integrate(replace(problem, start=state), output=output, tolerance=tolerance),
+        waveform=integrate(replace(problem, start=state), output=output, steps=steps),
         multipliers=np.asarray(linalg.eigvals(jacobian), dtype=np.complex128),
         iterations=iterations,
         residual=float(residual),

@@ -27,7 +27,7 @@ from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.gears.transmission_error import ProfileError
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Load, Output, Problem, State, Steps
+from data_synth.integrators.problem import Load, Output, Problem, State
 from data_synth.operation.shaft_angle import ShaftAngle
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
@@ -481,7 +481,7 @@ def test_force_takes_gap_and_error_off_the_deflection():
             start=start,
         )
         read = Output(rate_hz=1e5, mesh_force=np.ones((1, 1)))
-        return float(integrate(problem, output=read, tolerance=Steps(per_sample=1)).values[0, 0])
+        return float(integrate(problem, output=read, steps=1).values[0, 0])
 
     sign = system.meshes[0].direction[0]
     drives = sign * np.array([15e-6, 5e-6, -5e-6, -30e-6])

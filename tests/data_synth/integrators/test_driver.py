@@ -31,19 +31,16 @@ from numpy.testing import assert_allclose
 
 from data_synth.dynamics.system import Mesh, System
 from data_synth.gears.transmission_error import Eccentricity
-from data_synth.integrators.driver import integrate, integrate_blocks
+from data_synth.integrators.driver import integrate, integrate_blocks, steps_for_error
 from data_synth.integrators.problem import (
-    Accuracy,
     IntegrationError,
     Load,
     Output,
     Problem,
     State,
-    Steps,
 )
 from data_synth.operation.shaft_angle import ShaftAngle
 
-ONE = Steps(per_sample=1)
 GEAR_DRAG = np.diag([0, 0, 0, LINEAR_DRAG])
 
 
@@ -57,7 +54,7 @@ class Wobble:
 
 
 def run(problem, *, steps=1, rate_hz=50e3, read=output):
-    return integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=steps)).values
+    return integrate(problem, output=read(rate_hz), steps=steps).values
 
 
 class TestStateOracles:
@@ -168,7 +165,7 @@ class TestOrders:
         load = Load(constant=np.full(1, 6.0), varying=lambda t: (w * w * x(t) + c * (6 * t - 2))[:, None])
         start = State(displacement=np.ones(1), velocity=np.full(1, -2.0))
         problem = Problem(system=system, reference=turning(), load=load, duration_s=1.0, start=start)
-        found = integrate(problem, output=Output(rate_hz=66.0, displacement=one), tolerance=Steps(per_sample=1))
+        found = integrate(problem, output=Output(rate_hz=66.0, displacement=one), steps=1)
         assert_allclose(found.values[:, 0], x(found.times_s), rtol=1e-12)
 
     def test_a_quadratic_load_keeps_second_order_and_little_error(self):
@@ -305,7 +302,7 @@ def test_free_vibration_of_teeth_that_part():
         system=system, reference=turning(1.0), load=Load(constant=np.ones(1)), duration_s=period, start=start
     )
     read = Output(rate_hz=2000 / period, displacement=np.array([[1.0], [0]]), velocity=np.array([[0.0], [1]]))
-    last = integrate(problem, output=read, tolerance=ONE).values[-1]
+    last = integrate(problem, output=read, steps=1).values[-1]
     np.testing.assert_allclose(last, [half_gap + 3, 0], atol=2e-5)  # two contacts a period, steps of 0.004 rad
 
 
@@ -322,7 +319,7 @@ class TestOutputs:
         )
         system = pair(ten_harmonics(), damping=np.diag([50.0, 0, 50, 1]), error=Wobble())
         problem = Problem(system=system, reference=turning(), load=load, duration_s=0.01)
-        values = integrate(problem, output=maps, tolerance=ONE).values
+        values = integrate(problem, output=maps, steps=1).values
         v, force = values[:, :4], values[:, 4]
         slopes = (8 * (v[3:-1] - v[1:-3]) - (v[4:] - v[:-4])) * 400e3 / 12
         times_s = np.arange(v.shape[0]) / 400e3
@@ -335,8 +332,8 @@ class TestOutputs:
 
     def test_blocks_are_the_record(self):
         problem = driven(pair(ten_harmonics(), backlash_m=1e-5, error=Wobble()), duration_s=0.02, drag=DRAG)
-        whole = integrate(problem, output=output(50e3), tolerance=ONE)
-        blocks = list(integrate_blocks(problem, output=output(50e3), tolerance=ONE, block=137))
+        whole = integrate(problem, output=output(50e3), steps=1)
+        blocks = list(integrate_blocks(problem, output=output(50e3), steps=1, block=137))
         np.testing.assert_allclose(np.concatenate([b.values for b in blocks]), whole.values, rtol=1e-12)
         np.testing.assert_array_equal(np.concatenate([b.times_s for b in blocks]), whole.times_s)
         assert max(b.times_s.size for b in blocks) == 137
@@ -345,7 +342,7 @@ class TestOutputs:
         def peak(duration_s):
             problem = driven(pair(rectangle()), duration_s=duration_s)
             tracemalloc.start()
-            for _ in integrate_blocks(problem, output=output(20e3), tolerance=ONE):
+            for _ in integrate_blocks(problem, output=output(20e3), steps=1):
                 pass
             _, most = tracemalloc.get_traced_memory()
             tracemalloc.stop()
@@ -356,9 +353,9 @@ class TestOutputs:
 
     def test_going_on_from_where_it_ended(self):
         first = driven(pair(rectangle()), duration_s=0.01)
-        half = integrate(first, output=output(50e3), tolerance=ONE)
+        half = integrate(first, output=output(50e3), steps=1)
         second = replace(first, start=half.final, start_s=0.01)
-        again = integrate(second, output=output(50e3), tolerance=ONE)
+        again = integrate(second, output=output(50e3), steps=1)
         whole = run(replace(first, duration_s=0.02))
         np.testing.assert_allclose(again.values[-1], whole[-1], rtol=1e-11)
 
@@ -367,8 +364,8 @@ class TestAccuracy:
     @pytest.mark.parametrize("relative", [1e-4, 1e-6, 1e-8])
     def test_steps_follow_from_the_error_asked_for(self, relative):
         problem = driven(pair(ten_harmonics(), damping=GEAR_DRAG), duration_s=0.5)
-        found = integrate(problem, output=output(10e3), tolerance=Accuracy(relative=relative))
-        error = worst(found.values, run(problem, steps=128, rate_hz=10e3))
+        steps = steps_for_error(problem, output=output(10e3), relative=relative)
+        error = worst(run(problem, steps=steps, rate_hz=10e3), run(problem, steps=128, rate_hz=10e3))
         assert error < relative
         assert error > relative / 1e4  # not by brute force: one halving of the step gains 16
 
@@ -376,17 +373,15 @@ class TestAccuracy:
     def test_teeth_that_part_are_followed_as_asked(self, relative):
         system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), backlash_m=2e-5)
         problem = driven(system, duration_s=0.2)
-        asked = Accuracy(relative=relative)
-        found = integrate(problem, output=output(5e3), tolerance=asked)
-        assert worst(found.values, run(problem, steps=512, rate_hz=5e3)) < relative
+        steps = steps_for_error(problem, output=output(5e3), relative=relative)
+        assert worst(run(problem, steps=steps, rate_hz=5e3), run(problem, steps=512, rate_hz=5e3)) < relative
 
     def test_out_of_reach(self):
         problem = driven(pair(ten_harmonics()), duration_s=0.001)
-        ask = Accuracy(relative=1e-15)
         with pytest.raises(
             IntegrationError, match=r"256 steps per sample.*1e-15 is asked for.*To do: tolerate"
         ) as caught:
-            integrate(problem, output=output(50e3), tolerance=ask)
+            steps_for_error(problem, output=output(50e3), relative=1e-15)
         assert "tolerate a larger error" in str(caught.value)
 
 
@@ -394,7 +389,7 @@ class TestRefusals:
     def test_kicks_beyond_stability(self):
         problem = driven(pair(rectangle(0.0, 2e8, 0.5)), duration_s=0.01)
         with pytest.raises(IntegrationError) as caught:
-            integrate(problem, output=output(4e3), tolerance=ONE)
+            integrate(problem, output=output(4e3), steps=1)
         assert "unstable" in caught.value.detail
 
     @pytest.mark.parametrize("steps", [1, 2, 4])
@@ -404,7 +399,7 @@ class TestRefusals:
         with pytest.raises(
             IntegrationError, match=r"share in a channel is 1, .* of its RMS.*To do: take more"
         ) as caught:
-            integrate(problem, output=output(50e3), tolerance=Steps(per_sample=steps))
+            integrate(problem, output=output(50e3), steps=steps)
         assert f"advances the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in caught.value.detail
         assert "25 steps per sample resolve the mode" in caught.value.detail
 
@@ -415,8 +410,8 @@ class TestRefusals:
         errors = [worst(run(problem, steps=count), exact) for count in (25, 50)]
         assert errors[0] < 0.2
         assert errors[1] < errors[0] / 12.8
-        asked = integrate(problem, output=output(50e3), tolerance=Accuracy(relative=1e-3))
-        assert worst(asked.values, exact) < 1e-3
+        steps = steps_for_error(problem, output=output(50e3), relative=1e-3)
+        assert worst(run(problem, steps=steps), exact) < 1e-3
 
         def without_bearings(rate_hz):
             return Output(rate_hz=rate_hz, displacement=output(1).displacement[:1])
@@ -428,12 +423,12 @@ class TestRefusals:
         problem = driven(pair(ten_harmonics(), bearings=1e4), duration_s=0.1)
         # 1326.4 Hz over 1 ms
         with pytest.raises(IntegrationError, match=r"1\.33 mesh cycles.* To do: take more steps per sample"):
-            integrate(problem, output=output(1e3), tolerance=ONE)
+            integrate(problem, output=output(1e3), steps=1)
 
     def test_motion_that_grows_without_end(self):
         problem = driven(pair(constant(), damping=-1e5 * np.diag(MASSES)), duration_s=0.1)
         with pytest.raises(IntegrationError, match="exceeds the range of floating-point numbers"):
-            integrate(problem, output=output(50e3), tolerance=ONE)
+            integrate(problem, output=output(50e3), steps=1)
 
     @pytest.mark.parametrize(
         ("change", "message"),
@@ -452,7 +447,7 @@ class TestRefusals:
         problem = driven(pair(constant()), duration_s=0.01)
         for maps in (Output(rate_hz=1e3, displacement=np.eye(3)), Output(rate_hz=1e3, mesh_force=np.eye(2))):
             with pytest.raises(ValueError, match=r"output\.(displacement|mesh_force) must be finite"):
-                integrate(problem, output=maps, tolerance=ONE)
+                integrate(problem, output=maps, steps=1)
         with pytest.raises(ValueError, match="one row per channel"):
             Output(rate_hz=1e3, displacement=np.eye(4), velocity=np.eye(4)[:2])
         bad = replace(problem, load=Load(constant=np.zeros(4), varying=lambda t: np.full((t.size, 4), np.nan)))

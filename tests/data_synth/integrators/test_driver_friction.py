@@ -18,7 +18,7 @@ from data_synth.gears.friction import SlidingFriction
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Fourier, Rectangular
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import IntegrationError, Load, Output, Problem, Steps
+from data_synth.integrators.problem import IntegrationError, Load, Output, Problem
 from data_synth.vibration.steady_state import periodic_state
 
 GEARS = GearPair(
@@ -103,7 +103,7 @@ def heard(rate_hz):
 
 
 def run(problem, *, steps=1, rate_hz=200e3, read=everything):
-    return integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=steps)).values
+    return integrate(problem, output=read(rate_hz), steps=steps).values
 
 
 def by_hand(system, *, duration_s, rate_hz, half_gap):

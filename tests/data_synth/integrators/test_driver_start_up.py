@@ -12,7 +12,6 @@ from data_synth.dynamics.modes import eigenvalues, solve_modes
 from data_synth.dynamics.system import Body, build_system
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Steps
 from data_synth.vibration.steady_state import periodic_state
 
 TORQUE_NM, TAU_S = 75.0, 0.141026
@@ -24,7 +23,7 @@ def start_up():
     found = integrate(
         driven(pair(constant()), duration_s=2.0, drag=DRAG),
         output=output(20e3),
-        tolerance=Steps(per_sample=2),
+        steps=2,
     )
     return found.times_s, found.values
 

@@ -12,8 +12,8 @@ from scipy.linalg import expm
 from data_synth.dynamics.system import Mesh, MeshHistory, System
 from data_synth.gears.mesh_stiffness import Fourier
 from data_synth.gears.transmission_error import PitchError, ProfileError
-from data_synth.integrators.driver import integrate, integrate_blocks
-from data_synth.integrators.problem import Accuracy, Output, State, Steps
+from data_synth.integrators.driver import integrate, integrate_blocks, steps_for_error
+from data_synth.integrators.problem import Output, State
 
 FIRST = Fourier(mean=1e6, harmonics=np.array([2e5, 5e4j]))
 LATER = Fourier(mean=0.8e6, harmonics=np.array([1e5 - 1e5j, 8e4]))
@@ -62,14 +62,14 @@ def by_scipy(times_s, *, backlash_m):
 @pytest.mark.parametrize(("backlash_m", "tolerance"), [(0.0, 4e-6), (2e-4, 2e-4)])
 def test_teeth_change_as_their_course_says(backlash_m, tolerance):
     problem = gear_pair.driven(changing(backlash_m=backlash_m), duration_s=0.016)
-    found = integrate(problem, output=gear_pair.output(25_000), tolerance=Steps(per_sample=8))
+    found = integrate(problem, output=gear_pair.output(25_000), steps=8)
     expected = by_scipy(found.times_s, backlash_m=backlash_m)
     # a history stands still for a step: second order, as are contacts of teeth that part
     assert gear_pair.worst(found.values, expected) < tolerance
     still = integrate(
         gear_pair.driven(gear_pair.pair(FIRST, error=SMALL), duration_s=0.016),
         output=gear_pair.output(25_000),
-        tolerance=Steps(per_sample=8),
+        steps=8,
     )
     assert gear_pair.worst(still.values, expected) > 0.01
 
@@ -77,9 +77,9 @@ def test_teeth_change_as_their_course_says(backlash_m, tolerance):
 def test_blocks_cut_a_course_nowhere():
     problem = gear_pair.driven(changing(), duration_s=0.016)
     hats = Output(rate_hz=25_000, weighted_mesh_force=np.ones((1, 1)))
-    whole = integrate(problem, output=hats, tolerance=Steps(per_sample=2))
+    whole = integrate(problem, output=hats, steps=2)
     blocks = [
-        *integrate_blocks(problem, output=hats, tolerance=Steps(per_sample=2), block=7),
+        *integrate_blocks(problem, output=hats, steps=2, block=7),
     ]
     # the same numbers in another order of sums
     assert_allclose(np.concatenate([block.values for block in blocks]), whole.values, rtol=1e-9)
@@ -96,10 +96,7 @@ def test_an_error_that_jumps_needs_no_finer_steps(stiffness, sense):
     problem = gear_pair.driven(gear_pair.pair(stiffness, error=JUMPING), duration_s=0.01, reference=turning)
     expected = gear_pair.by_scipy(problem, gear_pair.output(20_000), relative=1e-10)
     settings = {"output": gear_pair.output(20_000)}
-    errors = [
-        gear_pair.worst(integrate(problem, tolerance=Steps(per_sample=steps), **settings).values, expected)
-        for steps in (1, 4)
-    ]
+    errors = [gear_pair.worst(integrate(problem, steps=steps, **settings).values, expected) for steps in (1, 4)]
     # an error taken for a parabola between its values would make 4e-3 and 2e-3 of it
     assert errors[0] < 1e-6
     assert errors[1] < errors[0] / 10
@@ -112,9 +109,7 @@ def test_errors_that_jump_change_as_their_course_says(backlash_m):
     history = MeshHistory(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(JUMPING, larger, JUMPING))
     problem = gear_pair.driven(changing(history, backlash_m=backlash_m), duration_s=0.016)
     settings = {"output": gear_pair.output(25_000)}
-    coarse, middle, fine = (
-        integrate(problem, tolerance=Steps(per_sample=steps), **settings).values for steps in (2, 8, 200)
-    )
+    coarse, middle, fine = (integrate(problem, steps=steps, **settings).values for steps in (2, 8, 200))
     assert gear_pair.worst(coarse, fine) < 5e-3
     assert gear_pair.worst(middle, fine) < gear_pair.worst(coarse, fine) / 4
 
@@ -158,7 +153,7 @@ def test_a_hat_by_matrix_exponentials():
     damping, rate_hz = np.diag([50.0, 0, 50, 0]), 100 / 31 / gear_pair.PERIOD_S
     output = Output(rate_hz=rate_hz, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
     problem = gear_pair.driven(gear_pair.pair(gear_pair.rectangle(), damping=damping), duration_s=60 / rate_hz)
-    found = integrate(problem, output=output, tolerance=Steps(per_sample=32)).values
+    found = integrate(problem, output=output, steps=32).values
     hats, points = hats_by_exponentials(damping, samples=60, per_period=100, fine=31)
     # parts of 7.5 us turn the fastest mode by 0.03 rad: Simpson's rule is off by its fourth power over 2880
     assert gear_pair.worst(found[1:, :1], hats[:, None]) < 2e-9
@@ -183,14 +178,14 @@ def test_a_hat_weighs_the_force_of_two_samples(stiffness, error, tolerances):
     dense = integrate(
         problem,
         output=Output(rate_hz=fine * rate, mesh_force=np.ones((1, 1))),
-        tolerance=Steps(per_sample=1),
+        steps=1,
     ).values[:, 0]
     hat = (1 - np.abs(np.arange(-fine, fine + 1)) / fine) / fine
     middles = np.arange(fine, dense.size - fine, fine)
     expected = np.array([hat @ dense[at - fine : at + fine + 1] for at in middles])
     for steps, tolerance in tolerances.items():
         output = Output(rate_hz=rate, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
-        found = integrate(problem, output=output, tolerance=Steps(per_sample=steps)).values
+        found = integrate(problem, output=output, steps=steps).values
         assert np.std(found[2:, 0] - expected) < tolerance * np.std(expected)
         # before the start, nothing pressed; the force at samples is that of the fine run, to the error of the steps
         assert found[0, 0] == 0
@@ -209,9 +204,9 @@ def test_steps_are_judged_by_what_moves():
     problem = gear_pair.driven(gear_pair.pair(gear_pair.ten_harmonics()), duration_s=0.02, start=turning)
     speed = Output(rate_hz=5000, velocity=np.array([[0, 0, 0, 1.0]]))
 
-    def run(tolerance):
-        return integrate(problem, output=speed, tolerance=tolerance)
+    def run(steps):
+        return integrate(problem, output=speed, steps=steps)
 
-    fine = run(Steps(per_sample=128)).values
+    fine = run(128).values
     # 100 rad/s and what swings about them: the error of what swings is what was asked for
-    assert np.std(run(Accuracy(relative=3e-6)).values - fine) < 3e-6 * np.std(fine)
+    assert np.std(run(steps_for_error(problem, output=speed, relative=3e-6)).values - fine) < 3e-6 * np.std(fine)

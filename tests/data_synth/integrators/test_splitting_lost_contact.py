@@ -19,10 +19,9 @@ from scipy.integrate import solve_ivp
 
 from data_synth.dynamics.system import Mesh, System
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import IntegrationError, Load, Output, Problem, State, Steps
+from data_synth.integrators.problem import IntegrationError, Load, Output, Problem, State
 from data_synth.vibration.steady_state import periodic_state
 
-ONE = Steps(per_sample=1)
 HALF_GAP, AMPLITUDE = 1.0, 3.0
 SPEED = AMPLITUDE - HALF_GAP  # through the gap
 PERIOD = 2 * np.pi + 4 * HALF_GAP / SPEED
@@ -70,7 +69,7 @@ def relative_energy(values, half_gap=HALF_GAP):
 
 
 def run(problem, output, *, steps):
-    return integrate(problem, output=output, tolerance=Steps(per_sample=steps))
+    return integrate(problem, output=output, steps=steps)
 
 
 class TestContacts:
@@ -143,7 +142,7 @@ def walk(steps, x, *, oscillations):
     problem = free(HALF_GAP, x=x, v=v, duration_s=oscillations * PERIOD)
     # read at every fifth step: what a contact has changed stays until the next
     rate_hz = 1.037 * steps / PERIOD / 5
-    found = integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=5))
+    found = integrate(problem, output=read(rate_hz), steps=5)
     energies = relative_energy(found.values)
     return float(np.polyfit(found.times_s / PERIOD, energies, 1)[0]), float(np.max(np.abs(energies)))
 
@@ -178,7 +177,7 @@ def motions():
     for x in (1.0, 2.5):
         problem = parametric(0.88, State(displacement=np.full(1, DEEP + x), velocity=np.zeros(1)))
         wait = replace(problem, duration_s=40 * problem.duration_s)
-        near = integrate(wait, output=read(0.88 * 50 / np.pi), tolerance=ONE).final
+        near = integrate(wait, output=read(0.88 * 50 / np.pi), steps=1).final
         found.append(motion(0.88, near))
     return sorted(found, key=swing)
 

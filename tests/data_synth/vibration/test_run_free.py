@@ -9,7 +9,7 @@ from scipy import signal
 
 from data_synth import load_scene, simulate
 from data_synth.integrators.driver import integrate, integrate_blocks
-from data_synth.integrators.problem import Output, Steps
+from data_synth.integrators.problem import Output
 
 STIFF, ZETA = {name: {"radial_n_m": 1e12} for name in ("pinion", "gear")}, 0.01
 RIGID = {  # forces of the pinion's bearing move a housing that hangs softly, others do not
@@ -53,10 +53,10 @@ def test_a_shift_of_the_state_is_added_to_it(block):
     problem, output = moving.problem(0.0, 0.01), Output(rate_hz=20_000, displacement=np.eye(6))
     at_once = replace(problem.start, displacement=1e-6 * np.arange(6.0), velocity=np.zeros(6))
     shifted = replace(problem, shifts=((0.004, at_once),))
-    blocks = integrate_blocks(shifted, output=output, tolerance=Steps(per_sample=4), block=block)
+    blocks = integrate_blocks(shifted, output=output, steps=4, block=block)
     found = np.concatenate([each.values for each in blocks])
-    whole = integrate(problem, output=output, tolerance=Steps(per_sample=4)).values
+    whole = integrate(problem, output=output, steps=4).values
     still = replace(problem, load=replace(problem.load, constant=np.zeros(6), varying=None, directions=None))
-    alone = integrate(replace(still, start=at_once), output=output, tolerance=Steps(per_sample=4)).values
+    alone = integrate(replace(still, start=at_once), output=output, steps=4).values
     np.testing.assert_allclose(found[:81], whole[:81], rtol=0, atol=1e-18)
     np.testing.assert_allclose(found[81:], (whole[81:] + alone[1:121]), rtol=0, atol=1e-13)

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Output, Steps
+from data_synth.integrators.problem import Output
 from data_synth.scene.random_streams import random_stream
 from data_synth.vibration.gear_torques import static_deflection
 from hums.analysis.record_analysis import AnalysisSettings, analyze
@@ -129,7 +129,7 @@ def test_wijianto_s_start_up_to_every_printed_digit():
     found = integrate(
         ready.problem(0.0, 2.0),
         output=Output(rate_hz=20_000, displacement=rows, velocity=speeds),
-        tolerance=Steps(per_sample=4),
+        steps=4,
     )
     deflection, speed = found.values.T
     # a quadratic load is second order in steps of 12.5 us; digits as printed
@@ -283,7 +283,7 @@ def test_teeth_that_follow_their_error_start_without_a_shock():
     found = integrate(
         ready.problem(0.0, 0.3),
         output=Output(rate_hz=20_000, mesh_force=np.eye(1)),
-        tolerance=Steps(per_sample=4),
+        steps=4,
     )
     first, later = found.values[:200, 0], found.values[-2000:, 0]
     assert np.min(found.values) > 0

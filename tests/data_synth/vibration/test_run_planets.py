@@ -14,7 +14,7 @@ from data_synth.dynamics.placement import contacts_of
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.tooth_compliance import ToothPair, teeth_in_mesh
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Output, Steps
+from data_synth.integrators.problem import Output
 from data_synth.scene.random_streams import random_stream
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
@@ -91,7 +91,7 @@ def mesh_forces(motion, duration_s, *, rate_hz):
     """Return times and the force of every mesh, each the mean under a hat of two samples, (n,) and (n, meshes)."""
     output = Output(rate_hz=rate_hz, weighted_mesh_force=np.eye(len(motion.system.meshes)))
     problem = motion.problem(-motion.settling_time_s, motion.settling_time_s + duration_s)
-    found = integrate(problem, output=output, tolerance=Steps(per_sample=2))
+    found = integrate(problem, output=output, steps=2)
     return found.times_s, found.values
 
 
@@ -294,7 +294,7 @@ def test_the_phasing_rule_chooses_the_modes_that_move():
         row[names.index(name)] = 1.0
     problem = motion.problem(-motion.settling_time_s, motion.settling_time_s + 0.1)
     output = Output(rate_hz=20_000, displacement=rows)
-    found = integrate(problem, output=output, tolerance=Steps(per_sample=4)).values
+    found = integrate(problem, output=output, steps=4).values
     spectrum = np.abs(np.fft.rfft(found[-2000:] - found[-2000:].mean(axis=0), axis=0))[20::20]  # harmonics of 200 Hz
     moved = np.hypot(spectrum[:, 0], spectrum[:, 1]) / spectrum[:, :2].max()
     turned = spectrum[:, 2] / spectrum[:, 2].max()

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.dynamics.modes import solve_modes
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Output, Steps
+from data_synth.integrators.problem import Output
 
 SCENE = load_scene("wijianto")
 
@@ -27,7 +27,7 @@ def in_motion(scene, seed=1):
     found = integrate(
         motion(scene, seed).problem(0.0, scene.duration_s),
         output=Output(rate_hz=20_000, displacement=rows, velocity=speeds),
-        tolerance=Steps(per_sample=2),
+        steps=2,
     )
     return found.times_s, *found.values.T
 
@@ -66,7 +66,7 @@ def test_its_teeth_follow_the_time():
     velocities[1, 3:5], velocities[2, 5] = [-0.342020143, -0.939692621], -1.0  # along the paper's x
     output = Output(rate_hz=15 * 8334 / (2 * np.pi), displacement=rows, velocity=velocities)
     damped = replace(problem, system=replace(system, damping=damping), load=load)
-    found = integrate(damped, output=output, tolerance=Steps(per_sample=20)).values[-1]
+    found = integrate(damped, output=output, steps=20).values[-1]
     assert_allclose(found, [q, velocity, speed], rtol=1e-6)  # the scene has nine digits
 
 

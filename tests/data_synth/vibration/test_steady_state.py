@@ -8,7 +8,7 @@ from gear_pair import DRAG, LINEAR_DRAG, PERIOD_S, driven, output, pair, rectang
 from scipy.optimize import minimize_scalar
 
 from data_synth.dynamics.system import Mesh, System
-from data_synth.integrators.problem import IntegrationError, Load, Output, Problem, Steps
+from data_synth.integrators.problem import IntegrationError, Load, Output, Problem
 from data_synth.vibration.steady_state import periodic_state
 
 READ = output(1.0)
@@ -24,7 +24,7 @@ class TestGearPair:
     def test_rectangular_stiffness(self):
         # computed by another method: q mean 1.1868201e-3 m, peak to peak 5.899e-6 m
         problem = driven(pair(rectangle(), damping=np.diag([0, 0, 0, LINEAR_DRAG])), duration_s=PERIOD_S)
-        found = periodic_state(problem, output=READ, samples=200, steps=Steps(per_sample=4))
+        found = periodic_state(problem, output=READ, samples=200, steps=4)
         q = found.waveform.values[:, 0]
         assert q[:-1].mean() == pytest.approx(1.1868201e-3, abs=2e-10)
         assert np.ptp(q) == pytest.approx(5.899e-6, abs=1e-9)
