@@ -17,11 +17,9 @@ Array = NDArray[np.float64]
 SHORT = 1.0 / 512
 NEAR = 1e-9  # cycles: a jump this close beyond the upper end counts, since a value there may be that after it
 LONGEST = 1.0 / 8  # longest interval in cycles for Gauss's rule with four points: error at most 2e-3 of harmonic 10
-_POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
-POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
+POINTS, WEIGHTS = (tuple((0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i])).tolist()) for i in range(2))
 OUTER_NODE = 0.5 * math.sqrt(0.6)  # distance of the outer two of three nodes from the middle
 SLOPE_WEIGHT = 5 / 6 * math.sqrt(0.6)
-WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
 
 
 @compiled_inline
@@ -112,8 +110,8 @@ def legendre_of_product(
         to_its = max(edge_of(other, second, its) - y, 0.0)
         width = min(left, to_own, to_its, LONGEST)
         for point in range(4):
-            place = (POINT0, POINT1, POINT2, POINT3)[point] * width
-            weight = (WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3)[point]
+            place = POINTS[point] * width
+            weight = WEIGHTS[point]
             share = weight * width / whole * (value_in(one, own, x + place) * value_in(other, its, y + place))
             t = 2 * (at - low + place) / whole - 1
             sum0 += share

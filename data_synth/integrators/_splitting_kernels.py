@@ -108,29 +108,21 @@ def brake(
 
 
 @compiled_inline
-def history_tables(first: int, later: int, position: float) -> tuple[int, int, float]:
-    """Return the tables before and after a position in the history of a mesh, and the weight of the second.
-
-    Instant 0 has the table `first`, instant 1 the table `later`, and so on; nothing changes if `later` is negative.
-    """
-    if later < 0:
-        return first, first, 0.0
-    number = int(position)
-    share = position - number
-    before = first if number == 0 else later + number - 1
-    return before, before if share == 0.0 else later + number, share
+def instant_of(position: float, late: int) -> tuple[int, float]:
+    """Return the number of the instant of a history before or, with `late` = 1, after a position, and its weight."""
+    before = int(position)
+    share = position - before
+    return before + late, share if late == 1 else 1.0 - share
 
 
 @compiled_inline
-def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) -> float:
-    """Return the value interpolated between two tables with the weight of the second."""
+def interpolated(waves: Waves, first: int, position: float, phase: float) -> float:
+    """Return the value at a position in the history of a mesh, of which the table `first` is the first."""
     value = 0.0
-    table, part = now, 1.0 - share
-    while True:
-        value += part * value_at(waves, table, phase)
-        if table == then:
-            break
-        table, part = then, share
+    for late in range(2):
+        number, part = instant_of(position, late)
+        if part > 0.0:
+            value += part * value_at(waves, first + number, phase)
     return value
 
 
@@ -157,27 +149,23 @@ def read_jump(equations: Equations, m: int, begin: float, end: float, position: 
 
     Those of stiffness times error come first, then those of the error; both are interpolated in the histories.
     """
-    errors, stiffnesses = equations.errors, equations.stiffnesses
-    e_now, e_then, e_share = history_tables(equations.error_of[m], equations.later_errors[m], position)
-    k_now, k_then, k_share = history_tables(m, equations.later_stiffnesses[m], position)
     for i in range(6):
         jump[i] = 0.0
-    e, e_part = e_now, 1.0 - e_share
-    while True:
-        k, k_part = k_now, 1.0 - k_share
-        while True:
-            product = legendre_of_product(stiffnesses, k, errors, e, begin, end)
-            for i in range(3):
-                jump[i] += e_part * k_part * product[i]
-            if k == k_then:
-                break
-            k, k_part = k_then, k_share
-        own = legendre_short(errors, e, begin, end)
+    for e_late in range(2):
+        e_number, e_part = instant_of(position, e_late)
+        if e_part == 0.0:
+            continue
+        error = equations.first_error[m] + e_number
+        for k_late in range(2):
+            k_number, k_part = instant_of(position, k_late)
+            if k_part > 0.0:
+                table = equations.first_stiffness[m] + k_number
+                product = legendre_of_product(equations.stiffnesses, table, equations.errors, error, begin, end)
+                for i in range(3):
+                    jump[i] += e_part * k_part * product[i]
+        own = legendre_short(equations.errors, error, begin, end)
         for i in range(3):
             jump[3 + i] += e_part * own[i]
-        if e == e_then:
-            break
-        e, e_part = e_then, e_share
 
 
 @compiled_exactly
@@ -194,17 +182,15 @@ def read_teeth(
     """
     waves, steps = equations.stiffnesses, turns.size - 1
     for m in range(equations.cycles.size):
-        cycles, which = equations.cycles[m], equations.error_of[m]
+        cycles, table, error = equations.cycles[m], equations.first_stiffness[m], equations.first_error[m]
         for step in range(steps):
             begin, end = cycles * turns[step], cycles * turns[step + 1]
-            table, then, share = history_tables(m, equations.later_stiffnesses[m], positions[first + step, m])
-            part, a0, a1, a2 = 1.0 - share, 0.0, 0.0, 0.0
-            while True:
-                b0, b1, b2 = legendre_of_step(waves, table, begin, end, known)
-                a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
-                if table == then:
-                    break
-                table, part = then, share
+            a0, a1, a2 = 0.0, 0.0, 0.0
+            for late in range(2):
+                number, part = instant_of(positions[first + step, m], late)
+                if part > 0.0:
+                    b0, b1, b2 = legendre_of_step(waves, table + number, begin, end, known)
+                    a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
             stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
         for step in range(steps):
             jumping[step, m] = False
@@ -212,18 +198,17 @@ def read_teeth(
                 continue
             begin, end = cycles * turns[step], cycles * turns[step + 1]
             position = positions[first + step, m]
-            now, then, share = history_tables(which, equations.later_errors[m], position)
-            jumping[step, m] = jumps_within(equations.errors, now, begin, end)
-            if share > 0.0 and not jumping[step, m]:
-                jumping[step, m] = jumps_within(equations.errors, then, begin, end)
+            for late in range(2):
+                number, part = instant_of(position, late)
+                if part > 0.0 and not jumping[step, m]:
+                    jumping[step, m] = jumps_within(equations.errors, error + number, begin, end)
             if jumping[step, m]:
                 read_jump(equations, m, begin, end, position, jumps[step, m])
         for step in range(steps):
-            start, stop = turns[step], turns[step + 1]
-            now, then, share = history_tables(which, equations.later_errors[m], positions[first + step, m])
+            start, stop, position = turns[step], turns[step + 1], positions[first + step, m]
             for node in range(3):
                 turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
-                errors[step, m, node] = interpolated(equations.errors, now, then, share, cycles * turned)
+                errors[step, m, node] = interpolated(equations.errors, error, position, cycles * turned)
 
 
 @compiled_inline
@@ -413,9 +398,8 @@ def split_steps(
         if weighting:
             end = revolutions[number + 1]
             for m in range(next_weighted.size):
-                position = history_positions[number, m]
-                now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
-                strength = interpolated(equations.stiffnesses, now, then, share, equations.cycles[m] * end)
+                first, position = equations.first_stiffness[m], history_positions[number, m]
+                strength = interpolated(equations.stiffnesses, first, position, equations.cycles[m] * end)
                 weighted_forces[sample, next_weighted.size + m] = strength * force[m, COMPRESSION]
         for r in range(rows.shape[0]):
             total = 0.0

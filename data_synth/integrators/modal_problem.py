@@ -7,7 +7,8 @@ in a rigid-body mode.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import FrictionForce, Mesh, PhaseFunction, errors_at
 from data_synth.gears.mesh_stiffness import Stiffness
-from data_synth.gears.transmission_error import ProfileError, TransmissionError
-from data_synth.integrators.periodic_tables import FIT_ERROR, Integers, Wave, Waves, tabulated
+from data_synth.gears.transmission_error import ProfileError
+from data_synth.integrators.periodic_tables import FIT_ERROR, Integers, Periodic, Waves, tabulated
 from data_synth.integrators.problem import Problem, State
 
 Array = NDArray[np.float64]
@@ -38,11 +39,10 @@ class Equations(NamedTuple):
     (forces,): deflections in m from which the mean stiffness is measured, at which the flanks loaded at the start
     touch, so that only the force of teeth in contact varies about it; zero if the start is at rest. ``following``
     (forces,): 1 if the mean stiffness follows the transmission error, 0 if teeth are apart at the start and for
-    friction. ``jumping`` (forces,): whether the error jumps. ``error_of`` (forces,): number of the transmission error
-    in `errors`. ``later_stiffnesses`` and ``later_errors`` (forces,): number of the second table of a mesh with a
-    history, -1 for none; the first is at its own number, or at ``error_of``. ``cycles`` (forces,): mesh cycles per
-    revolution of the reference. ``drags`` (drags, n): rows of the velocities with drag, with factors ``drag_factors``
-    (drags,).
+    friction. ``jumping`` (forces,): whether the error jumps. ``first_stiffness`` and ``first_error`` (forces,): numbers
+    of the tables in `stiffnesses` and `errors`; those of the further instants of a history follow. ``cycles``
+    (forces,): mesh cycles per revolution of the reference. ``drags`` (drags, n): rows of the velocities with drag, with
+    factors ``drag_factors`` (drags,).
     """
 
     force_columns: Array
@@ -50,7 +50,8 @@ class Equations(NamedTuple):
     coupling: Array
     stiffnesses: Waves
     errors: Waves
-    error_of: Integers
+    first_stiffness: Integers
+    first_error: Integers
     mean_stiffnesses: Array
     backlashes: Array
     back_half_gaps: Array
@@ -60,8 +61,6 @@ class Equations(NamedTuple):
     cycles: Array
     drags: Array
     drag_factors: Array
-    later_stiffnesses: Integers
-    later_errors: Integers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +82,8 @@ class Assembled:
         Modal force of the constant load.
     deflections : (meshes, n) array
         G: deflection per modal displacement, and modal force per mesh force.
+    mesh_of : (forces,) array
+        Number of the mesh of each force.
     equations : Equations
     """
 
@@ -92,6 +93,7 @@ class Assembled:
     damping: Array
     drive: Array
     deflections: Array
+    mesh_of: Integers
     equations: Equations
 
     @property
@@ -122,15 +124,14 @@ class Assembled:
     @property
     def stiffness_variation(self) -> float:
         """Largest ``abs(k - kmean) g M^-1 g`` of any mesh in rad2/s2: what is not in the constant part."""
-        e, meshes = self.equations, self.problem.system.meshes
-        swings = np.zeros(e.cycles.size)
-        for force, (number, later) in enumerate(zip(e.error_of, e.later_stiffnesses, strict=True)):
-            tables = _tables_of(force, later, meshes[number])
-            values = np.concatenate([_values(e.stiffnesses, table) for table in (tables[0], tables[-1])])
+        e, swings = self.equations, np.zeros(self.mesh_of.size)
+        segments = e.stiffnesses.segments[[*e.first_stiffness, -2]]
+        for force, (first, last) in enumerate(pairwise(e.stiffnesses.firsts[segments])):
+            values = e.stiffnesses.rows[first:last, 0]  # at the beginnings of cells
             least = 0.0 if e.backlashes[force] > 0 else np.min(values)
             mean = e.mean_stiffnesses[force]
             swings[force] = max(np.max(values) - mean, mean - least) * abs(e.coupling[force, force])
-        return float(np.max(np.bincount(e.error_of, weights=swings), initial=0.0))
+        return float(np.max(np.bincount(self.mesh_of, weights=swings), initial=0.0))
 
     def revolutions(self, times_s: Array) -> Array:
         """Return the angle (times,) of the reference in rev."""
@@ -160,7 +161,7 @@ class Assembled:
         """Return the positions in the histories (times, forces); zero for a mesh without one."""
         meshes = self.problem.system.meshes
         found = [mesh.history.position(times_s) if mesh.history else np.zeros(times_s.size) for mesh in meshes]
-        return np.ascontiguousarray(np.reshape(found, (len(meshes), times_s.size)).T[:, self.equations.error_of])
+        return np.ascontiguousarray(np.reshape(found, (len(meshes), times_s.size)).T[:, self.mesh_of])
 
     def modal(self, state: State | None) -> Array:
         """Return x of a state; None is at rest."""
@@ -195,10 +196,10 @@ def assemble(problem: Problem) -> Assembled:
     forces: list[tuple[int, FrictionForce | None]] = [(number, None) for number in range(len(meshes))]
     forces += [(number, friction) for number, mesh in enumerate(meshes) for friction in mesh.friction]
     of = np.array([number for number, _ in forces], dtype=np.int64)
-    stiffnesses, later_stiffnesses = _stiffness_tables(meshes, forces)
-    errors, later_errors = _error_tables(meshes)
+    stiffnesses, first_stiffness = _tables([_stiffnesses(meshes[number], friction) for number, friction in forces])
+    errors, first_error = _tables([_errors(mesh) for mesh in meshes], misfit=FIT_ERROR, integrals=False)
     rubbing = np.arange(of.size) >= len(meshes)
-    means = np.where(rubbing, 0.0, stiffnesses.means[: of.size])
+    means = np.where(rubbing, 0.0, stiffnesses.means[first_stiffness[:-1]])
     angular, shapes = undamped_modes(system, means[: len(meshes)])
     modal_damping = shapes.T @ damping @ shapes
 
@@ -208,10 +209,8 @@ def assemble(problem: Problem) -> Assembled:
     backlashes = np.array([float(mesh.backlash_m) for mesh in meshes])
     offsets = _offsets(problem, backlashes)
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
-    jumping = [
-        any(np.any(errors.jumps[slice(*errors.segments[table : table + 2])]) for table in _tables_of(*numbered, mesh))
-        for numbered, mesh in zip(enumerate(later_errors), meshes, strict=True)
-    ]
+    segments = errors.segments[first_error]
+    jumping = [np.any(errors.jumps[first:last]) for first, last in pairwise(segments)]
     return Assembled(
         problem=problem,
         frequencies=angular,
@@ -219,13 +218,15 @@ def assemble(problem: Problem) -> Assembled:
         damping=np.where(np.abs(modal_damping) > _ROUNDING * np.max(np.abs(modal_damping)), modal_damping, 0.0),
         drive=shapes.T @ load.constant + deflections.T @ (means[: len(meshes)] * offsets),
         deflections=deflections,
+        mesh_of=of,
         equations=Equations(
             force_columns=np.ascontiguousarray(columns.T),
             deflection_rows=np.ascontiguousarray((deflections[of] / np.where(angular > 0, angular, 1.0)).T),
             coupling=np.ascontiguousarray(deflections[of] @ columns.T),
             stiffnesses=stiffnesses,
             errors=errors,
-            error_of=of,
+            first_stiffness=first_stiffness[:-1],
+            first_error=first_error[of],
             mean_stiffnesses=means,
             backlashes=backlashes[of],
             back_half_gaps=np.where(rubbing, np.inf, backlashes[of]),
@@ -235,8 +236,6 @@ def assemble(problem: Problem) -> Assembled:
             cycles=np.array([float(mesh.cycles_per_rev) for mesh in meshes])[of],
             drags=np.ascontiguousarray(np.eye(dof)[dragged] @ shapes),
             drag_factors=np.asarray(load.quadratic_drag)[dragged] if dragged.size else np.zeros(0),
-            later_stiffnesses=later_stiffnesses,
-            later_errors=later_errors[of],
         ),
     )
 
@@ -282,52 +281,21 @@ class FrictionStiffness:
         return np.asarray(self.stiffness(phase_cycles) * self.factor(phase_cycles))
 
 
-_Function: TypeAlias = Stiffness | FrictionStiffness | TransmissionError
+def _stiffnesses(mesh: Mesh, friction: FrictionForce | None) -> Sequence[Periodic]:
+    """Return the stiffness of a force at each instant of the history of its mesh."""
+    instants = mesh.history.stiffnesses if mesh.history else (mesh.stiffness,)
+    return instants if friction is None else [FrictionStiffness(each, friction.factor) for each in instants]
 
 
-def _stiffness_tables(
-    meshes: Sequence[Mesh], forces: Sequence[tuple[int, FrictionForce | None]]
-) -> tuple[Waves, Integers]:
-    """Return the tables of the stiffness of each force, and the number of the second table of each history."""
-
-    def of_force(stiffness: Stiffness, friction: FrictionForce | None) -> Stiffness | FrictionStiffness:
-        return stiffness if friction is None else FrictionStiffness(stiffness, friction.factor)
-
-    first, later = list[_Function](), list[list[_Function]]()
-    for number, friction in forces:
-        mesh = meshes[number]
-        first.append(of_force(mesh.stiffness, friction))
-        stages = mesh.history.stiffnesses if mesh.history else ()
-        later.append([of_force(stage, friction) for stage in stages[1:]])
-    return _tables(first, later)
+def _errors(mesh: Mesh) -> Sequence[Periodic]:
+    """Return the transmission error of a mesh at each instant of its history."""
+    return [each or _NO_ERROR for each in (mesh.history.errors if mesh.history else (mesh.error,))]
 
 
-def _error_tables(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
-    """Return the tables of the transmission error of each mesh, and the number of the second table of each history."""
-    histories = [mesh.history.errors if mesh.history else () for mesh in meshes]
-    later = [[stage or _NO_ERROR for stage in stages[1:]] for stages in histories]
-    return _tables([mesh.error or _NO_ERROR for mesh in meshes], later, misfit=FIT_ERROR, integrals=False)
+def _tables(functions: Sequence[Sequence[Periodic]], **fit: float) -> tuple[Waves, Integers]:
+    """Return the tables of the functions of each force or mesh one after the other, and the numbers of the first ones.
 
-
-def _tables(
-    first: Sequence[_Function], later: Sequence[Sequence[_Function]], *, integrals: bool = True, **fit: float
-) -> tuple[Waves, Integers]:
-    """Return tables of functions, then of their later stages, and the number of each first later one; -1 for none."""
-    every, numbers = list(first), list[int]()
-    for stages in later:
-        numbers.append(len(every) if stages else -1)
-        every += stages
-    waves = [Wave(each, each.period, getattr(each, "jumps", ()), **fit) for each in every]
-    return tabulated(waves, integrals=integrals), np.array(numbers, dtype=np.int64)
-
-
-def _tables_of(first: int, later: int, mesh: Mesh) -> list[int]:
-    """Return the numbers of the tables of a function over the history of its mesh."""
-    stages = 0 if later < 0 or mesh.history is None else len(mesh.history.times_s) - 1
-    return [first, *range(later, later + stages)]
-
-
-def _values(waves: Waves, table: int) -> Array:
-    """Return the values of a tabulated function at the beginnings of its cells."""
-    low, last = waves.segments[table], waves.segments[table + 1] - 1
-    return waves.rows[waves.firsts[low] : waves.firsts[last] + waves.counts[last], 0]
+    The last number is that of all tables.
+    """
+    waves = tabulated([each for instants in functions for each in instants], **fit)  # type: ignore[arg-type]
+    return waves, np.cumsum([0, *map(len, functions)])

@@ -151,7 +151,7 @@ def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
 
     a, n, equations, drags = assembled, assembled.size, assembled.equations, assembled.equations.drags
     (middle, input_in_middle, in_middle), (whole, input_at_end, at_end) = _flows(a, step_s)
-    deflections = a.displacement_rows(a.deflections[equations.error_of])
+    deflections = a.displacement_rows(a.deflections[a.mesh_of])
     read = np.vstack([deflections, a.velocity_rows(drags)])
     directions = np.vstack([equations.force_columns.T, drags])
     matrix = np.vstack([whole, deflections @ whole, read @ middle])
@@ -177,7 +177,7 @@ def _flows(assembled: Assembled, step_s: float) -> tuple[tuple[Array, Array, Arr
     q0' = q1 and q1' = q2. The constant load is one more input.
     """
     a, x, equations = assembled, 2 * assembled.size, assembled.equations
-    following = a.deflections[equations.error_of].T * (equations.mean_stiffnesses * equations.following)
+    following = a.deflections[a.mesh_of].T * (equations.mean_stiffnesses * equations.following)
     forces = np.hstack([following, a.load_rows.T, a.drive[:, None]])
     generator, each = a.generator, np.eye(forces.shape[1])
     # scaled to the size of the generator: the rounding error of the exponential is relative to its norm

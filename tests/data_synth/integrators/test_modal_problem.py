@@ -1,5 +1,7 @@
 """What integrators are made of: tables of periodic functions, modes."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import mpmath
@@ -17,12 +19,25 @@ from data_synth.integrators._periodic_kernels import (
     legendre_of_product,
     value_at,
 )
-from data_synth.integrators.periodic_tables import Wave, tabulated
+from data_synth.integrators.periodic_tables import tabulated
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A function of phase, its period and its jumps."""
+
+    value: Callable
+    period: int = 1
+    jumps: tuple[float, ...] = ()
+
+    def __call__(self, phase):
+        return self.value(phase)
+
 
 CURVES = {
-    "smooth": Wave(ten_harmonics(), 1),
-    "rectangle": Wave(rectangle(), 1, (0.0, 0.4)),
-    "three cycles": Wave(lambda p: ten_harmonics()(p / 3) + rectangle()(p), 3, (0.0, 0.4, 1.0, 1.4, 2.0, 2.4)),
+    "smooth": Curve(ten_harmonics()),
+    "rectangle": Curve(rectangle(), 1, (0.0, 0.4)),
+    "three cycles": Curve(lambda p: ten_harmonics()(p / 3) + rectangle()(p), 3, (0.0, 0.4, 1.0, 1.4, 2.0, 2.4)),
 }
 INTERVALS = [
     (5.1, 5.15),
@@ -47,7 +62,7 @@ def by_quadrature(curves, interval):
     for a, b in pairwise(edges):
         at = (a + b) / 2 + (b - a) / 2 * nodes
         rows = polynomials.legvander(2 * (at - start) / (stop - start) - 1, 2)
-        values = np.prod([curve.value(at) for curve in curves], axis=0)
+        values = np.prod([curve(at) for curve in curves], axis=0)
         found += (b - a) / 2 / (high - low) * (weights * values) @ rows * (1, 3, 5)
     return found
 
@@ -59,7 +74,7 @@ class TestTables:
         table = tabulated([CURVES["smooth"], curve])
         found = [value_at(table, 1, p) for p in at]
         # cells are halved until the polynomial of degree five fits to 1e-11 of the largest value
-        np.testing.assert_allclose(found, curve.value(at), rtol=1e-10)
+        np.testing.assert_allclose(found, curve(at), rtol=1e-10)
 
     @pytest.mark.parametrize("interval", INTERVALS)
     @pytest.mark.parametrize("name", CURVES)
@@ -73,7 +88,7 @@ class TestTables:
     @pytest.mark.parametrize("interval", INTERVALS)
     @pytest.mark.parametrize("name", CURVES)
     def test_moments_of_a_product_by_quadrature(self, name, interval):
-        saw, smooth = Wave(lambda p: np.mod(p, 2) - 0.3, 2, (0.0,)), CURVES["smooth"]
+        saw, smooth = Curve(lambda p: np.mod(p, 2) - 0.3, 2, (0.0,)), CURVES["smooth"]
         tables, other = tabulated([smooth, CURVES[name]]), tabulated([saw], integrals=False)
         found = legendre_of_product(tables, 1, other, 0, *interval)
         wanted = by_quadrature([CURVES[name], saw], interval)
