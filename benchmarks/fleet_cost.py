@@ -15,7 +15,7 @@ from hums import AnalysisSettings, NominalSpeed, analyze, load_gearbox, make_rec
 from hums.conversion import convert_files, find_sources
 from hums.fleet.fleet_analysis import _tables, analyze_fleet
 from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.result_files import packed_row, read_row, results
+from hums.fleet.result_files import packed_row, read_results, read_row, results
 from hums.jobs import Processes
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
@@ -55,7 +55,7 @@ def table_seconds(analyses: Path, room: Path, *, machines: int, records: int) ->
             named |= {"recorded_at": (FIRST + timedelta(days=day)).isoformat()}
             paths[-1].write_bytes(packed_row(rows[chosen] | named))  # unsynced, as nothing is lost with them
     start = time.process_time()
-    _tables(paths, room, MonitorSettings(), ())
+    _tables(read_results(paths), room, MonitorSettings(), (), gearbox="two-stage")
     return time.process_time() - start
 
 

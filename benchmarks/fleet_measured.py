@@ -90,4 +90,4 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
             standing = {name: one for name, one in state.standing.items() if one["state"] == "raised"}
             worst = max(standing or found.index, key=lambda name: found.index[name])
             words = "".join(f"{one['severity']}: {one['indicator']}" for name, one in standing.items() if name == worst)
-            yield when, found.index[worst], f"{found.ratio[worst]:.3g} times normal", worst, words
+            yield when, found.index[worst], f"{found.drivers[worst][-1]:.3g} times normal", worst, words

@@ -28,7 +28,7 @@ from hums.readers.columns import in_zone
 from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
 from hums.readers.process import ReaderProcess
 from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
-from hums.records.fields import RecordError, plain_cell, utc_text
+from hums.records.fields import RecordError, natural_key, plain_cell, utc_text
 from hums.records.outputs import atomic_write, check_outputs, own_json, remove_partial_files, write_text
 from hums.records.snapshots import join_snapshots
 from hums.records.store import write_record, write_shard
@@ -115,7 +115,7 @@ def find_sources(
         found.setdefault(path.resolve(), SourceFile(path=path, recorded_at=when))
     if not found:
         raise RecordError("no file was given; name files, folders or patterns.")
-    files = sorted(found.values(), key=lambda file: _natural(str(file.path)))
+    files = sorted(found.values(), key=lambda file: natural_key(str(file.path)))
     if spec.every_s is not None and spec.moment is not None:
         return _numbered(files, spec.every_s, spec.moment)
     if all(file.recorded_at for file in files):
@@ -166,11 +166,6 @@ def _time_of(name: str, pattern: str, time_zone: str | None) -> str:
             '"+01:00" or "UTC", in an import description (-d); or write %z in the pattern, or Z for UTC.'
         )
     return utc_text(in_zone(moment, time_zone) if moment.tzinfo is None and time_zone else moment)
-
-
-def _natural(text: str) -> tuple[Any, ...]:
-    """Return a sort key that compares numbers in names as numbers."""
-    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text))
 
 
 def _numbered(files: Sequence[SourceFile], every_s: float, began: datetime) -> list[SourceFile]:

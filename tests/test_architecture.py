@@ -74,14 +74,14 @@ BUDGETS = """
     signals/demodulation                                        905    870    750
     signals/harmonics, signals/slipping_order                  4012   2807   2500
     signals/health, signals/indicators                          955    839    800
-    signals/monitoring                                         1135    543    700
+    signals/monitoring                                         1135    538    700
     signals/resampling                                          799    796    600
     signals/shaft                                              3006   1917   2000
     signals/spectra                                             866    818    700
-    hums (root)                                                 830    755    600
+    hums (root)                                                 830    751    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
-    hums/fleet                                                 2161   1520   1300
+    hums/fleet                                                 2161   1500   1300
     hums/gearbox                                               3541   3431   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000

@@ -44,7 +44,7 @@ def fleet(
         float, typer.Option(metavar="RECORDS", help="Mean number of records per machine between false alarms.")
     ] = 10_000.0,
     maintenance: Annotated[
-        Path | None, typer.Option(help="CSV file: date, component, machine, serial, action (replaced or acknowledged).")
+        Path | None, typer.Option(help="CSV file: date, component, machine, action (replaced or acknowledged).")
     ] = None,
     append: Annotated[
         bool, typer.Option("--append", help="Add the records to those of earlier runs in this folder.")

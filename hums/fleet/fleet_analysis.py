@@ -21,8 +21,8 @@ from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.fleet.fleet_page import write_page
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import NOT_ANALYSED, order_key
-from hums.fleet.result_files import read_results, results, write_row
+from hums.fleet.observation import NOT_ANALYSED, FleetError, order_key
+from hums.fleet.result_files import StoredRecord, read_results, results, write_row
 from hums.fleet.table import write_tables
 from hums.fleet.watched_machines import (
     MachineHistory,
@@ -36,23 +36,9 @@ from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.outputs import check_outputs, own_json, write_text
 from hums.records.store import open_record
-from signals._validation import SentenceError, checked
+from signals._validation import checked
 
 _READING_S, _READING_S_PER_BYTE = 20.0, 1e-7  # of a record by a worker: a hundred times what a whole file takes
-
-
-class FleetError(SentenceError):
-    """Raised if a run over many records cannot start.
-
-    Examples
-    --------
-    >>> import hums
-    >>> try:
-    ...     hums.analyze_fleet([], "two-stage", "no-folder")
-    ... except hums.FleetError as error:
-    ...     print(error)
-    no records were named; name files, or folders that hold some.
-    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,11 +96,6 @@ class _Source:
     file: Path
     number: int | None = None
     label: str = ""
-
-    @property
-    def facts(self) -> dict[str, str]:
-        """Its name and class, of a row."""
-        return {"record": self.name, "label": self.label}
 
     @property
     def whole_name(self) -> str:
@@ -206,7 +187,7 @@ def analyze_fleet(
         "version": f"hums-toolkit {version('hums-toolkit')}",
         "format": _FORMAT,
     }
-    results_folder, killed = folder / "records", folder / "killed"
+    results_folder = folder / "records"
     try:
         results_folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -222,19 +203,19 @@ def analyze_fleet(
             folder=results_folder,
             workers=workers or Serial(),
             title="records" if progress else None,
-            when_killed=partial(_killed_to_file, killed),
+            when_killed=lambda *_: None,
         )
         write_text(folder / _LIST, json.dumps(names))
-        paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
-        for stale in set(killed.glob(f"{'?' * 24}.json.gz")) - set(paths):  # done now, or the record's file changed
-            stale.unlink()
-        histories, errors, no_trends = _tables(paths, folder, monitoring or MonitorSettings(), work, gearbox=named)
+        paths = {name: results_folder / file for name, file in names.items()}
+        records = read_results(path for path in paths.values() if path.exists())
+        records += [_killed(name) for name, path in paths.items() if not path.exists()]
+        histories, errors, no_trends = _tables(records, folder, monitoring or MonitorSettings(), work, gearbox=named)
     return Fleet(
         folder=folder,
-        records=len(paths),
+        records=len(records),
         failed=len(errors),
         analysed=tally.done,
-        kept=len(paths) - tally.done,
+        kept=len(records) - tally.done,
         errors=errors,
         no_trends=no_trends,
         alarms=sum(len(history.alarms) for history in histories),
@@ -248,15 +229,10 @@ _INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task
 
 
 def _tables(
-    paths: Sequence[Path],
-    folder: Path,
-    settings: MonitorSettings,
-    work: Sequence[Work],
-    *,
-    gearbox: str = "GEARBOX",
+    found: Sequence[StoredRecord], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, gearbox: str
 ) -> tuple[list[MachineHistory], dict[str, str], str]:
     """Monitor the machines; write alarms, components, baselines, the tables of all records and the page."""
-    records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever the files' order was
+    records = sorted(found, key=lambda one: order_key("", one.record))  # whatever the files' order was
     histories = watch_machines(records, settings=settings, work=work)
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
@@ -329,20 +305,19 @@ def _result_name(source: _Source) -> str:
 
 
 def _analyse_to_file(gearbox: Gearbox, settings: AnalysisSettings, source: _Source, path: Path) -> None:
-    write_row(source.facts | _row(source, gearbox, settings), path)
+    write_row({"record": source.name, "label": source.label} | _row(source, gearbox, settings), path)
 
 
-def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
-    """Write the row of a record whose worker process died, apart from the results: the next run retries it.
+def _killed(name: str) -> StoredRecord:
+    """Return a record without results, whose worker process died, in this run or in an earlier one.
 
-    The process may have been killed from outside, or because another exhausted the memory.
+    The process may have been killed from outside, or because another exhausted the memory: the next run retries it.
     """
     sentence = (
-        f"{source.path}: the process that analysed it died twice. The file is damaged, or needs more memory than was "
+        f"{name}: the process that analysed it died twice. The file is damaged, or needs more memory than was "
         "available. Copy it again from its source, or run again."
     )
-    folder.mkdir(exist_ok=True)
-    write_row(source.facts | {"machine": "", "error": sentence, "unjudged": NOT_ANALYSED}, folder / path.name)
+    return StoredRecord(machine="", record=name, error=sentence, unjudged=NOT_ANALYSED)
 
 
 def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, CLEARED, RAISED, SEVERE, Alarm
 from hums.fleet.maintenance import Work
-from hums.fleet.monitor_settings import MonitorError, MonitorSettings
-from hums.fleet.observation import NOT_ANALYSED, Observation, seconds_since_1970
+from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.observation import NOT_ANALYSED, FleetError, Observation, seconds_since_1970
 from hums.fleet.series import (
     WHOLE_SIGNAL,
     Series,
@@ -33,6 +33,7 @@ from signals.monitoring.health import Normal, Reading, fused_scores, learn_machi
 from signals.monitoring.limits import MachineLimits, machine_limits
 
 Array = NDArray[np.float64]
+Driver = tuple[str, str, float, float]
 RISES, FALLS, _HEALTH = "level rises", "level falls suddenly", ": health"
 MOST_LEVERAGE = 1.0
 """Variance of the prediction over that of the series above which a record is not judged: the regression would add as
@@ -70,9 +71,9 @@ class Epoch:
 
     @property
     def learned(self) -> tuple[Normal, MachineLimits]:
-        """What is normal, and the limits; MonitorError if the baseline is not learned."""
+        """What is normal, and the limits; FleetError if the baseline is not learned."""
         if self.normal is None or self.limits is None:
-            raise MonitorError("this baseline is incomplete; monitor more records first.")
+            raise FleetError("this baseline is incomplete; monitor more records first.")
         return self.normal, self.limits
 
     def learn(self, machine: str, settings: MonitorSettings) -> None:
@@ -213,10 +214,9 @@ class Judgement:
         Condition index of each component: 0 normal, 1 alarm; NaN where its sensors are faulty.
     scores : mapping of str to float
         Score of each component in standard deviations.
-    growth : mapping of str to (str, str, float)
-        Channel, indicator and deviation, in standard deviations, of the series that drives each component.
-    ratio : mapping of str to float
-        Ratio of that indicator to its normal value at this speed and load.
+    drivers : mapping of str to (str, str, float, float)
+        Of the series that drives each component: channel, indicator, deviation in standard deviations, and ratio to its
+        normal value at this speed and load.
     alarms : tuple of dict
         Alarms raised by this record, rows of ``alarms.csv``.
 
@@ -233,8 +233,7 @@ class Judgement:
     why: str = ""
     index: dict[str, float] = field(default_factory=dict)
     scores: dict[str, float] = field(default_factory=dict)
-    growth: dict[str, tuple[str, str, float]] = field(default_factory=dict)
-    ratio: dict[str, float] = field(default_factory=dict)
+    drivers: dict[str, Driver] = field(default_factory=dict)
     alarms: tuple[dict[str, Any], ...] = ()
 
 
@@ -397,8 +396,7 @@ def _of_charts(
         found.index[name], found.scores[name] = index, float(reading.scores[places[0]])
         severity = "sensor" if what else "severe" if index >= SEVERE else "alarm"
         driving = _drivers(epoch, reading, name, place)
-        found.growth[name], found.ratio[name] = driving[0]
-        drivers = [growth[:2] for growth, _ in driving]
+        found.drivers[name], drivers = driving[0], [driver[:2] for driver in driving]
         if diagnosed:
             drivers.insert(0, (drivers[0][0], epoch.verdict_words(component)))
             severity = severity if charts >= 1 else "verdict"
@@ -464,15 +462,15 @@ def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> di
     }
 
 
-def _drivers(epoch: Epoch, reading: Reading, name: str, place: int) -> list[tuple[tuple[str, str, float], float]]:
+def _drivers(epoch: Epoch, reading: Reading, name: str, place: int) -> list[Driver]:
     """Return channel, indicator, deviation and ratio to normal of what drives a score, the largest deviation first."""
     component, _, what = name.partition(": ")
     if what:
         channel = component.removeprefix("sensor ")
         level = float(reading.level[epoch.channels.index(channel)])
-        return [((channel, what, level), math.exp(level))]
+        return [(channel, what, level, math.exp(level))]
     driving = driving_series(epoch, reading, place, most=_DRIVERS)
-    return [((key.channel, key.words, departure), ratio) for key, departure, ratio in driving]
+    return [(key.channel, key.words, departure, ratio) for key, departure, ratio in driving]
 
 
 def driving_series(epoch: Epoch, reading: Reading, place: int, *, most: int) -> list[tuple[Series, float, float]]:

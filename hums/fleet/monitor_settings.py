@@ -3,22 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from hums.fleet.observation import Observation, seconds_since_1970
-from signals._validation import SentenceError
-
-
-class MonitorError(SentenceError):
-    """Raised if a baseline cannot be learned as specified, or a state is invalid.
-
-    Examples
-    --------
-    >>> import hums
-    >>> try:
-    ...     hums.MonitorSettings(baseline_records=1)
-    ... except hums.MonitorError as error:
-    ...     print(error)
-    baseline_records = 1: a deviation needs at least 2 records.
-    """
+from hums.fleet.observation import FleetError, Observation, seconds_since_1970
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,13 +37,13 @@ class MonitorSettings:
 
     def __post_init__(self) -> None:
         if self.baseline_records < 2:  # noqa: PLR2004
-            raise MonitorError(f"baseline_records = {self.baseline_records}: a deviation needs at least 2 records.")
+            raise FleetError(f"baseline_records = {self.baseline_records}: a deviation needs at least 2 records.")
         if not self.false_alarm_every >= 10:  # noqa: PLR2004
-            raise MonitorError(f"false_alarm_every = {self.false_alarm_every:g}: give at least 10 records.")
+            raise FleetError(f"false_alarm_every = {self.false_alarm_every:g}: give at least 10 records.")
         for name in ("baseline_from", "baseline_until"):
             when = getattr(self, name)
             if when and math.isnan(seconds_since_1970(when)):
-                raise MonitorError(f"{name} = {when!r} is not an ISO 8601 time, as 2026-03-01.")
+                raise FleetError(f"{name} = {when!r} is not an ISO 8601 time, as 2026-03-01.")
 
     @property
     def by_choice(self) -> bool:

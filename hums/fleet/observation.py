@@ -1,7 +1,6 @@
 """Observation of a machine for monitoring: time, speed, condition of the sensors, and series of one record."""
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
@@ -11,8 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.series import NOTHING, Numbers
+from hums.records.fields import natural_key
+from signals._validation import SentenceError
 
 NOT_ANALYSED = "not analysed"  # why a record without results is not judged
+
+
+class FleetError(SentenceError):
+    """Raised if records, settings, maintenance or a state of monitoring are not as needed.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.analyze_fleet([], "two-stage", "no-folder")
+    ... except hums.FleetError as error:
+    ...     print(error)
+    no records were named; name files, or folders that hold some.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +90,4 @@ def days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
 def order_key(recorded_at: str, record: str) -> tuple[Any, ...]:
     """Return a key that sorts records by time, then by name with numbers compared as numbers."""
     seconds = seconds_since_1970(recorded_at)
-    parts = re.split(r"(\d+)", record)
-    natural = tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
-    return (0, seconds, natural) if math.isfinite(seconds) else (1, 0.0, natural)
+    return (0, seconds, natural_key(record)) if math.isfinite(seconds) else (1, 0.0, natural_key(record))

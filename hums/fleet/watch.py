@@ -16,8 +16,8 @@ from hums.analysis.result import Analysis
 from hums.fleet import monitor, series
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
-from hums.fleet.monitor_settings import MonitorError, MonitorSettings
-from hums.fleet.observation import observation
+from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.observation import FleetError, observation
 from hums.fleet.result_files import results
 from hums.jobs import locked
 from hums.records.outputs import atomic_write
@@ -64,7 +64,7 @@ def watch(
 
     Raises
     ------
-    MonitorError
+    FleetError
         If the file is not a state, or that of another machine.
 
     Examples
@@ -94,7 +94,7 @@ def watch(
             kept = MachineState(machine=facts["machine"], settings=settings or MonitorSettings())
         if facts["machine"] != kept.machine:
             whose = f"of machine {facts['machine']!r} and the state of {kept.machine!r}"
-            raise MonitorError(f"the record is {whose}; keep a state for each.")
+            raise FleetError(f"the record is {whose}; keep a state for each.")
         found = update(kept, observation(facts | row), work=work)
         write_state(kept, path)
     return found
@@ -115,18 +115,18 @@ def read_state(path: Path) -> MachineState:
 
     Raises
     ------
-    MonitorError
+    FleetError
         If the file is not a state.
     """
     try:
         table = json.loads(gzip.decompress(path.read_bytes()), object_hook=_restored)
         schema, state = table["schema"], table["state"]
     except Exception as error:  # noqa: BLE001 - of damaged bytes: a broken archive, lists in the place of numbers
-        raise MonitorError(f"{path}: not a state of hums.watch ({error}); name the file that it wrote.") from None
+        raise FleetError(f"{path}: not a state of hums.watch ({error}); name the file that it wrote.") from None
     if schema != SCHEMA:
-        raise MonitorError(f"{path} holds {schema!r}, but this version reads {SCHEMA!r}; start again.")
+        raise FleetError(f"{path} holds {schema!r}, but this version reads {SCHEMA!r}; start again.")
     if not isinstance(state, MachineState):
-        raise MonitorError(f"{path}: not a state of hums.watch; name the file that it wrote.")
+        raise FleetError(f"{path}: not a state of hums.watch; name the file that it wrote.")
     return state
 
 

@@ -126,7 +126,7 @@ def component_row(history: MachineHistory, name: str) -> dict[str, Any]:
     last = history.last if history.last and epoch.identity else Judgement(judged=False)
     waiting = history.waiting or ("" if epoch.identity else "learning")
     life = f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state
-    channel, indicator, departure = last.growth.get(name, ("", "", math.nan))
+    channel, indicator, departure, times_normal = last.drivers.get(name, ("", "", math.nan, math.nan))
     seen = state.judged + state.refused
     return {
         "machine": state.machine,
@@ -137,7 +137,7 @@ def component_row(history: MachineHistory, name: str) -> dict[str, Any]:
         "channel": channel,
         "indicator": indicator,
         "departure": departure,
-        "times_normal": last.ratio.get(name, math.nan),
+        "times_normal": times_normal,
         "alarm_from_times_normal": epoch.alarm_from(name) if epoch.identity else math.nan,
         "growth_per_day": history.growth_per_day(name),
         "false_alarms_a_year": history.false_alarms_a_year,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from datetime import UTC, datetime
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -72,6 +73,11 @@ def file_name(text: str) -> str:
     if len(plain.encode()) <= longest_name_bytes:
         return plain
     return f"{plain[:40].strip(' .')} {sha256(plain.encode()).hexdigest()[:16]}"  # 40 letters have at most 160 bytes
+
+
+def natural_key(text: str) -> tuple[tuple[int, str], ...]:
+    """Return a sort key that compares numbers in names as numbers."""
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text))
 
 
 class RecordError(SentenceError):

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from signals.monitoring.slopes import error_models, grouped, regression
 
@@ -80,8 +81,8 @@ def time_until(limit: float, values: Array, times: Array, *, seed: int = 1) -> T
     errors = error_models(t.tobytes(), _DRIFTS, white=_WHITE)
     place = (t - t[0]) / span
     fit = regression(y, _course(place[:, None], _RATE, _ONSET), errors)
-    posterior = np.exp(fit.log_likelihood - _PRIOR - (fit.log_likelihood - _PRIOR).max())
-    drawn = rng.choice(posterior.size, size=_PATHS, p=(posterior / posterior.sum()).ravel())
+    posterior = softmax(fit.log_likelihood - _PRIOR)
+    drawn = rng.choice(posterior.size, size=_PATHS, p=posterior.ravel())
     model, course = at = np.unravel_index(drawn, posterior.shape)
     std = np.sqrt(fit.variance[at] * fit.dof / rng.chisquare(fit.dof, _PATHS))
     normal = rng.standard_normal((3, _PATHS))

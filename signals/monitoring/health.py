@@ -151,7 +151,7 @@ def learn_normal(
     Parameters
     ----------
     values : (..., records, series) array
-        Logarithms of indicators; NaN where missing.
+        Logarithms of indicators of at least 2 records; NaN where missing.
     covariates : (..., records, covariates) array
         Operating conditions of the records.
     layout : Layout
@@ -165,15 +165,8 @@ def learn_normal(
     Returns
     -------
     Normal
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 2 records.
     """
     records = values.shape[-2]
-    if records < 2:  # noqa: PLR2004
-        raise ValueError(f"a baseline of {records} records has no spread; give at least 2.")
     learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
     raw = learned(values, covariates, prior_scale=prior.series, least_scale=prior.least)
     away = _each(lambda seen, at: raw.standardised(seen, at) * raw.scale, values, covariates)

@@ -105,9 +105,7 @@ def learn_baseline(
     SeriesBaseline
     """
     records, count = values.shape[-2], covariates.shape[-1]
-    slopes, middle = np.zeros((*values.shape[:-2], count, values.shape[-1])), np.zeros((*covariates.shape[:-2], count))
-    if count:
-        middle = np.median(covariates, axis=-2)
+    slopes, middle = np.zeros((*values.shape[:-2], count, values.shape[-1])), np.median(covariates, axis=-2)
     errors, regressors = np.zeros((*middle.shape, count)), np.zeros(middle.shape[:-1])
     center, scale, weights = _location(values)
     dof = np.isfinite(values).sum(axis=-2) - 1.0

@@ -9,6 +9,7 @@ grid have a prior, and are weighted by their restricted likelihoods (Patterson a
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 Array = NDArray[np.float64]
 _HOUR_S = 3600.0
@@ -57,8 +58,6 @@ def independent_records(scores: Array, times_s: Array) -> Array:
     left = (white**2).sum(axis=1) - (level[:, None] @ white)[:, 0] ** 2 / ones
     log_det = 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)[:, None]
     likelihood = np.log(prior)[:, None] - (log_det + np.log(ones) + (t.size - 1) * np.log(left)) / 2
-    weight = np.exp(likelihood - likelihood.max(axis=0))
-    weight /= weight.sum(axis=0)
     found[:] = 1 / (error @ prior)[:, None]
-    found[:, told] = 1 / (error @ weight)
+    found[:, told] = 1 / (error @ softmax(likelihood, axis=0))
     return found

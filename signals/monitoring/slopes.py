@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
+from scipy.special import softmax, stdtr, stdtrit
 from scipy.stats import false_discovery_control
 
 from signals.monitoring.location import known_median
@@ -117,8 +117,7 @@ def _change(y: Array, t: Array) -> dict[str, Any]:
 def _changes(y: Array, courses: Array, t: Array) -> tuple[Array, Array, int]:
     """Return the standardised change of values along each growth law, its standard error, and degrees of freedom."""
     fit = regression(y / max(y.std(), 1e-300), courses, error_models(t.tobytes()))
-    weight = np.exp(fit.log_likelihood - fit.log_likelihood.max(axis=0))
-    weight /= weight.sum(axis=0)
+    weight = softmax(fit.log_likelihood, axis=0)
     mean = (weight * fit.slope).sum(axis=0)
     error = np.sqrt((weight * (fit.variance * fit.slope_variance + (fit.slope - mean) ** 2)).sum(axis=0))
     return mean, error, fit.dof

@@ -1,6 +1,7 @@
 import pytest
 
-from hums.fleet.maintenance import MaintenanceError, Work, read_maintenance
+from hums.fleet.maintenance import Work, read_maintenance
+from hums.fleet.observation import FleetError
 
 
 def written(tmp_path, text):
@@ -29,5 +30,5 @@ def test_sorted_by_date(tmp_path):
     ],
 )
 def test_refusals(tmp_path, text, error):
-    with pytest.raises(MaintenanceError, match=error):
+    with pytest.raises(FleetError, match=error):
         written(tmp_path, text)

@@ -8,7 +8,8 @@ from fleets import HEALTHY, PINION, followed, observed
 
 import hums
 from hums.fleet.monitor import update
-from hums.fleet.monitor_settings import MonitorError, MonitorSettings
+from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.observation import FleetError
 from hums.fleet.watch import read_state, watch, write_state
 
 SETTINGS = MonitorSettings(baseline_records=2)
@@ -66,7 +67,7 @@ def test_a_regime_of_the_record_is_held_against_its_own_baseline(tmp_path):
 
 def test_another_machine_is_refused(tmp_path):
     watch(analysis(1), tmp_path / "state")
-    with pytest.raises(MonitorError, match="of machine 'fan' and the state of 'mill'; keep a state for each"):
+    with pytest.raises(FleetError, match="of machine 'fan' and the state of 'mill'; keep a state for each"):
         watch(analysis(2, machine="fan"), tmp_path / "state")
 
 
@@ -113,5 +114,5 @@ def test_its_size_does_not_grow(tmp_path):
 )
 def test_what_is_no_state(tmp_path, damaged):
     (tmp_path / "state").write_bytes(damaged)
-    with pytest.raises(MonitorError, match=r"not a state of hums\.watch"):
+    with pytest.raises(FleetError, match=r"not a state of hums\.watch"):
         read_state(tmp_path / "state")

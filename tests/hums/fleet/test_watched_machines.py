@@ -78,4 +78,4 @@ def test_a_component_says_how_many_times_normal_its_indicators_are():
     history = MachineHistory(state=MachineState(machine="mill", settings=SETTINGS))
     history.follow(rising, ())
     # the shift of the logarithm; one of several series that drive it
-    assert history.last.ratio["stage 1/pinion"] == pytest.approx(np.exp(3.0), rel=0.6)
+    assert history.last.drivers["stage 1/pinion"][-1] == pytest.approx(np.exp(3.0), rel=0.6)
