@@ -52,6 +52,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
     those under `INDICATOR`: the value.
     """
     speed = group(analysis, "speed").variables["speed_hz"].to_numpy()
+    mean_speed = {"speed_hz": speed.size / float((1 / speed).sum())} if speed.size else {}
     words = ("verdict", "doubts", *CONDITION)
     rows = [*_rows(analysis, "findings", words), *_rows(analysis, "verdicts", words)]
     verdicts = [dict(zip(words, row, strict=True)) for row in rows]
@@ -73,9 +74,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
     return measured | {
         "regime": analysis.attrs.get("regime", ""),
         "values": series_of(**measured, without=faulty) if judged else NOTHING,
-        "covariates": {"speed_hz": speed.size / float((1 / speed).sum())}
-        if speed.size
-        else {} | json.loads(analysis.attrs.get("measured_json", "{}")),
+        "covariates": mean_speed | json.loads(analysis.attrs.get("measured_json", "{}")),
         "faulty": faulty,
         "unjudged": "" if judged else "faulty tachometer",
         "diagnosed": sorted(diagnosed) if judged else [],

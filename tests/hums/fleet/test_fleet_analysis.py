@@ -188,6 +188,19 @@ class TestTable:
         assert rows(tmp_path / "fleet.csv")[0]["error"] == "IndexError: out of bounds"
 
 
+def test_what_was_measured_is_a_condition_as_speed_is(tmp_path):
+    for day in range(2):
+        measured = {"torque": hums.Measured(values=100.0 + day, units="N m")}
+        one = record(1.0, day=day, seed=day)
+        angle = hums.NominalSpeed(rpm=60 * SPEED_HZ, shaft="input")
+        facts = {"machine": "mill", "recorded_at": one.recorded_at, "measured": measured}
+        one = hums.make_record({"a": one["a"].values}, rate_hz=RATE_HZ, units="g", angle=angle, **facts)
+        save_record(one, tmp_path / f"{day}.h5")
+    run([tmp_path], tmp_path / "out", monitoring=hums.MonitorSettings(baseline_records=2))
+    (baseline,) = xr.open_datatree(tmp_path / "out" / "baseline.h5", engine="h5netcdf").children.values()
+    assert baseline["covariate"].values.tolist() == ["speed_hz", "torque"]
+
+
 class TestGoingOn:
     def test_a_record_that_kills_its_process_is_a_row(self, records, done, tmp_path, monkeypatch):
         folder = shutil.copytree(done, tmp_path / "fleet")
