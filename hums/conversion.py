@@ -29,7 +29,7 @@ from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
 from hums.readers.process import ReaderProcess
 from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
 from hums.records.fields import RecordError, natural_key, plain_cell, utc_text
-from hums.records.outputs import atomic_write, check_outputs, own_json, remove_partial_files, write_text
+from hums.records.outputs import atomic_write, check_outputs, make_folder, own_json, remove_partial_files, write_text
 from hums.records.snapshots import join_snapshots
 from hums.records.store import write_record, write_shard
 
@@ -254,10 +254,7 @@ def convert_files(
     written = (_MARKS[form], _REFUSED, *((INDEX, LABELS) if form == "packed" else ()))
     inputs = [file.path for file in sources]
     check_outputs((folder / name for name in written), inputs=inputs, folder=folder, force=force)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordError(f"{folder} cannot be created ({error.strerror}); name a writable folder.") from None
+    make_folder(folder)
     with locked(folder):  # from reading the notes to writing the index
         _begin(folder, form, task, force=force)
         readable = (

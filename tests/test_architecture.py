@@ -74,19 +74,19 @@ BUDGETS = """
     signals/demodulation                                        905    870    750
     signals/harmonics, signals/slipping_order                  4012   2807   2500
     signals/health, signals/indicators                          955    839    800
-    signals/monitoring                                         1135    538    700
+    signals/monitoring                                         1135    534    700
     signals/resampling                                          799    796    600
     signals/shaft                                              3006   1917   2000
     signals/spectra                                             866    818    700
-    hums (root)                                                 830    751    600
+    hums (root)                                                 830    748    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
-    hums/fleet                                                 2161   1500   1300
+    hums/fleet                                                 2161   1484   1300
     hums/gearbox                                               3541   3431   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
-    hums/report                                                 977    941    800
+    hums/report                                                 977    933    800
     data_synth (root)                                          2400   1549   1300
     data_synth/dynamics, data_synth/integrators                4106   2735   2600
     data_synth/fidelity, data_synth/vibration                  4287   2193   2000

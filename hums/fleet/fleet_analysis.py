@@ -15,8 +15,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.fleet.fleet_page import write_page
 from hums.fleet.maintenance import Work, read_maintenance
@@ -34,7 +32,7 @@ from hums.fleet.watched_machines import (
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
-from hums.records.outputs import check_outputs, own_json, write_text
+from hums.records.outputs import check_outputs, make_folder, own_json, write_text
 from hums.records.store import open_record
 from signals._validation import checked
 
@@ -188,10 +186,7 @@ def analyze_fleet(
         "format": _FORMAT,
     }
     results_folder = folder / "records"
-    try:
-        results_folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FleetError(f"{folder} cannot be made ({error.strerror}); name a writable folder.") from None
+    make_folder(results_folder)
     with locked(folder):  # from the list that is read to the one that is written
         _check_task(folder / _TASK, task)
         listed = own_json(folder / _LIST) if append else {}  # in the order of the runs
@@ -240,10 +235,10 @@ def _tables(
     no_trends = write_tables(
         records,
         folder,
-        health={one["record"]: one for history in histories for one in history.records},
+        health={one["seen"].record: one for history in histories for one in history.records},
         limits={key: score for history in histories for key, score in history.severe_scores.items()},
     )
-    write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
+    write_page(histories, folder / "fleet.html", gearbox=gearbox)
     return histories, {one.record: one.error for one in records if one.error}, no_trends
 
 
@@ -305,7 +300,20 @@ def _result_name(source: _Source) -> str:
 
 
 def _analyse_to_file(gearbox: Gearbox, settings: AnalysisSettings, source: _Source, path: Path) -> None:
-    write_row({"record": source.name, "label": source.label} | _row(source, gearbox, settings), path)
+    """Write facts and results of one record for the table, or the facts and the error if the analysis fails."""
+    row: dict[str, Any] = {"record": source.name, "label": source.label, "machine": "", "recorded_at": ""}
+    try:
+        size = source.file.stat().st_size if source.file.exists() else 0
+        with cpu_limit(_READING_S + _READING_S_PER_BYTE * size):
+            opened = open_record if source.number is None else partial(dataset_record, number=source.number)
+            record = opened(source.path).load()
+        with record:
+            row |= {name: str(record.attrs.get(name, "")) for name in ("machine", "recorded_at")}
+            row |= results(analyze(record, gearbox, settings=settings))
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with one record, the others are to be analysed
+        sentence = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
+        row |= {"error": sentence or type(error).__name__, "unjudged": NOT_ANALYSED}
+    write_row(row, path)
 
 
 def _killed(name: str) -> StoredRecord:
@@ -318,22 +326,3 @@ def _killed(name: str) -> StoredRecord:
         "available. Copy it again from its source, or run again."
     )
     return StoredRecord(machine="", record=name, error=sentence, unjudged=NOT_ANALYSED)
-
-
-def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:
-    """Return facts and results of one record for the table, or the facts and the error if the analysis fails."""
-    facts = {"machine": "", "recorded_at": ""}
-    try:
-        size = source.file.stat().st_size if source.file.exists() else 0
-        with cpu_limit(_READING_S + _READING_S_PER_BYTE * size):
-            record = _opened(source).load()
-        with record:
-            facts = {name: str(record.attrs.get(name, "")) for name in facts}
-            return facts | results(analyze(record, gearbox, settings=settings))
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with one record, the others are to be analysed
-        sentence = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
-        return facts | {"error": sentence or type(error).__name__, "unjudged": NOT_ANALYSED}
-
-
-def _opened(source: _Source) -> xr.Dataset:
-    return open_record(source.path) if source.number is None else dataset_record(source.path, source.number)

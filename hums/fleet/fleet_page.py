@@ -32,35 +32,30 @@ _LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that th
 _STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
 
 
-def write_page(
-    histories: Sequence[MachineHistory], records: Sequence[StoredRecord], path: Path, *, gearbox: str = "GEARBOX"
-) -> None:
+def write_page(histories: Sequence[MachineHistory], path: Path, *, gearbox: str = "GEARBOX") -> None:
     """Write ``fleet.html``: a self-contained page, the most urgent machine first.
 
     Parameters
     ----------
     histories : sequence of MachineHistory
-        Histories of the monitored machines.
-    records : sequence of StoredRecord
-        Results of all records.
+        Histories of the monitored machines, of one record or more.
     path : Path
         Path of the page. Reports of records next to it are linked: ``reports/MACHINE RECORD/report.html``.
     gearbox : str
         Path or name of the gearbox, for the command that writes such a report.
     """
-    found = {one.record: one for one in records}
-    machines = [_machine(one, found, path.parent, gearbox) for one in histories]
+    machines = [_machine(one, path.parent, gearbox) for one in histories]
     machines.sort(key=lambda one: (one["state"] != RAISED, -one["urgency"], one["worst"]["machine"]))
     for number, one in enumerate(machines):
         name, drawn = f"machine-{number}", number < _DRAWN
-        figures = list(_figures(one["history"], found, one["worst"], name)) if drawn else []
+        figures = list(_figures(one["history"], one["worst"], name)) if drawn else []
         one |= {"name": name, "drawn": drawn, "figures": figures}
     environment = page_environment()
     environment.filters["short"] = _short
     body, style, script = (
         (files("hums.fleet") / f"page.{of}").read_text(encoding="utf-8") for of in ("html", "css", "js")
     )
-    body = environment.from_string(body).render(machines=machines, records=len(records), most=_DRAWN)
+    body = environment.from_string(body).render(machines=machines, most=_DRAWN)
     write_text(path, stand_alone_page(title="Fleet", body=body, style=style, script=script))
 
 
@@ -76,10 +71,10 @@ def _state(history: MachineHistory) -> str:
     return RAISED if RAISED in lives else history.waiting or (ACKNOWLEDGED if ACKNOWLEDGED in lives else "normal")
 
 
-def _machine(history: MachineHistory, found: dict[str, StoredRecord], folder: Path, gearbox: str) -> dict[str, Any]:
+def _machine(history: MachineHistory, folder: Path, gearbox: str) -> dict[str, Any]:
     """Return the variables of the page's template for a machine."""
-    worst, record = _worst(history), history.records[-1]["record"] if history.records else ""
-    reported = next((alarm["record"] for alarm in reversed(history.alarms) if alarm["state"] == RAISED), record)
+    worst, last = _worst(history), history.records[-1]["seen"]
+    reported = next((alarm["record"] for alarm in reversed(history.alarms) if alarm["state"] == RAISED), last.record)
     report = folder / "reports" / file_name(f"{worst['machine']} {Path(reported).stem}") / "report.html"
     command = ["hums", "analyze", reported, "--gearbox", gearbox, "-o", str(report.parent)]
     return {
@@ -89,7 +84,7 @@ def _machine(history: MachineHistory, found: dict[str, StoredRecord], folder: Pa
         "state": _state(history),
         "style": _STYLES.get(_state(history), "unknown"),
         "course": _small_course(history),
-        "last": found[record].when if record in found else record,
+        "last": last.when,
         "reported": reported,
         "report": quote(report.relative_to(folder).as_posix()) if report.is_file() else "",
         "command": shlex.join(command) if reported.endswith((".h5", ".hdf5")) else "",
@@ -118,12 +113,10 @@ def _unit(unit: str) -> str:
 # ---- figures ---------------------------------------------------------------------------------------------------------
 
 
-def _figures(
-    history: MachineHistory, found: dict[str, StoredRecord], worst: dict[str, Any], name: str
-) -> Iterator[str]:
+def _figures(history: MachineHistory, worst: dict[str, Any], name: str) -> Iterator[str]:
     """Yield the figures of a machine: condition, driving series, and lines of two records."""
-    kept, component = [found[one["record"]] for one in history.records], worst["component"]
-    if not component or not kept:
+    kept, component = [one["seen"] for one in history.records], worst["component"]
+    if not component:
         return
     days = days_since_1970(one.recorded_at for one in kept)
     dated = bool(np.isfinite(days).all())
@@ -139,7 +132,7 @@ def _figures(
         caption="Dashed: limit. Shaded: records of the baseline.",
     )
     epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
-    judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
+    judged = [one["seen"] for one in history.records if not one["why"]]
     drivers: list[Series] = []
     if judged and component in epoch.names:
         driving = driving_series(epoch, epoch.read(judged[-1]), epoch.names.index(component), most=_PANELS)
@@ -179,7 +172,7 @@ def _health(history: MachineHistory, days: Array, worst: str) -> dict[str, Any]:
     order = sorted(now, key=lambda key: (key != worst, -np.nan_to_num(now[key], nan=-np.inf)))
     index = {key: np.array([one["index"].get(key, math.nan) for one in history.records]) for key in order}
     largest = max((float(np.fmax.reduce(each)) for each in index.values()), default=1.0)
-    day_of = {one["record"]: float(day) for one, day in zip(history.records, days, strict=True)}
+    day_of = {one["seen"].record: float(day) for one, day in zip(history.records, days, strict=True)}
     learned = [day_of[one] for epoch in history.state.baselines for one in epoch.records if one in day_of]
     raised = [alarm for alarm in history.alarms if alarm["record"] in day_of]
     return {

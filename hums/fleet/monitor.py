@@ -99,7 +99,8 @@ class Epoch:
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
         self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
-        self.identity, self.pending = _identity(machine, self), []
+        text = json.dumps([machine, self.records, self.normal.series.center.tolist()])
+        self.identity, self.pending = hashlib.sha256(text.encode()).hexdigest()[:12], []
 
     def outside(self, seen: Observation) -> str:
         """Return the covariate of a record outside the range of the baseline, or an empty string."""
@@ -475,9 +476,10 @@ def _drivers(epoch: Epoch, reading: Reading, name: str, place: int) -> list[Driv
 
 def driving_series(epoch: Epoch, reading: Reading, place: int, *, most: int) -> list[tuple[Series, float, float]]:
     """Return series of a score with deviation and ratio to normal, the largest deviation first, unknown ones last."""
-    those = epoch.learned[0].layout.series[place]
-    ranked = those[np.argsort(-reading.departures[those], kind="stable")][:most].tolist()
-    return [(epoch.series[i], float(reading.departures[i]), math.exp(reading.growth[i])) for i in ranked]
+    normal, departures = epoch.learned[0], reading.departures
+    those = normal.layout.series[place]
+    ranked = those[np.argsort(-departures[those], kind="stable")][:most].tolist()
+    return [(epoch.series[i], float(departures[i]), math.exp(departures[i] * normal.series.scale[i])) for i in ranked]
 
 
 # ---- maintenance -----------------------------------------------------------------------------------------------------
@@ -526,9 +528,3 @@ def _replace(state: MachineState, component: str) -> None:
 def _logarithms(covariates: Array) -> Array:
     """Return the logarithms of positive covariates, and the others unchanged."""
     return np.where(covariates > 0, np.log(np.where(covariates > 0, covariates, 1.0)), covariates)
-
-
-def _identity(machine: str, epoch: Epoch) -> str:
-    """Return twelve digits of a hash of a baseline's machine, records and centres of its series."""
-    text = json.dumps([machine, epoch.records, epoch.learned[0].series.center.tolist()])
-    return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -37,10 +37,6 @@ from hums.records.outputs import atomic_write
 from signals._validation import plain_text
 
 _NUMBERS = ("values", "lines", "indicators")  # of a row
-_INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
-_FINDING = ("component", "kind", "verdict")
-_HEALTH = ("name", "sensor", "status", "reasons")
-_LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_units")
 _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
 _NO_LINES = named((), len(LINE), len(_MEASURED) - 1)
 
@@ -53,24 +49,26 @@ def results(analysis: Analysis) -> dict[str, Any]:
     """
     speed = group(analysis, "speed").variables["speed_hz"].to_numpy()
     mean_speed = {"speed_hz": speed.size / float((1 / speed).sum())} if speed.size else {}
-    words = ("verdict", "doubts", *CONDITION)
-    rows = [*_rows(analysis, "findings", words), *_rows(analysis, "verdicts", words)]
-    verdicts = [dict(zip(words, row, strict=True)) for row in rows]
-    found = _rows(analysis, "findings", _FINDING)
+    words = (*CONDITION, "verdict", "doubts")
+    found = _rows(analysis, "findings", words)
+    verdicts = [dict(zip(words, row, strict=True)) for row in (*found, *_rows(analysis, "verdicts", words))]
+    of_line = ("line_channel", *LINE[2:-1], "line_units", *_MEASURED)
     lines = [
         [channel, name, *line, int(claimed)]
         for name in (ORDER_SPECTRUM, ENVELOPE)
-        for channel, *line, claimed in _rows(analysis, name, (*_LINE, *_MEASURED))
+        for channel, *line, claimed in _rows(analysis, name, of_line)
     ]
-    indicators = [row for row in _rows(analysis, "indicators", _INDICATOR) if math.isfinite(row[-1])]
+    of_indicator = (*INDICATOR[:-1], "unit", "value")
+    indicators = [row for row in _rows(analysis, "indicators", of_indicator) if math.isfinite(row[-1])]
     measured = {
         "lines": named(lines, len(LINE), len(_MEASURED)),
         "indicators": named(indicators, len(INDICATOR), 1),
     }
-    sensors = [row for row in _rows(analysis, "health", _HEALTH) if row[2] == "faulty"]
+    of_sensor = ("name", "sensor", "status", "reasons")
+    sensors = [row for row in _rows(analysis, "health", of_sensor) if row[2] == "faulty"]
     faulty, joint = {name: reasons for name, _, _, reasons in sensors}, joint_names(measured["lines"])
     judged = all(sensor != "tachometer" for _, sensor, *_ in sensors)
-    diagnosed = {joint.get(name, name) for name, _, word in found if word == DIAGNOSED}
+    diagnosed = {joint.get(name, name) for name, _, word, _ in found if word == DIAGNOSED}
     return measured | {
         "regime": analysis.attrs.get("regime", ""),
         "values": series_of(**measured, without=faulty) if judged else NOTHING,
@@ -78,7 +76,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
         "faulty": faulty,
         "unjudged": "" if judged else "faulty tachometer",
         "diagnosed": sorted(diagnosed) if judged else [],
-        "findings": found,
+        "findings": [row[:3] for row in found],
         "not_judged": [[row[name] for name in CONDITION] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),
     }

@@ -226,7 +226,6 @@ def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float6
     return Prior(series=usual, least=least, score=score, level=learned["level_std"], dof=learned["dof"])
 
 
-@lru_cache(maxsize=1)
 def limit_table() -> LimitTable:
     """Return the limits learned from healthy machines, one group for each of `Layout.groups`."""
     return LimitTable(**{name: np.array(values) for name, values in _stored_prior()["limits"].items()})

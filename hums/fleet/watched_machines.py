@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,8 @@ from signals.monitoring.slopes import series_slopes
 class MachineHistory:
     """A machine's state, and the judgement of each of its records.
 
-    ``records`` has the name of each, whether judged or why not, and its condition indices; ``alarms`` all alarms.
+    ``records`` has each as observed, ``seen``, why it was not judged, its condition indices and scores; ``alarms`` all
+    alarms.
     """
 
     state: MachineState
@@ -50,7 +52,7 @@ class MachineHistory:
     @property
     def false_alarms_a_year(self) -> float:
         """Expected false alarms per year at the rate of the records; NaN without their times."""
-        days = days_since_1970(one["recorded_at"] for one in self.records)
+        days = days_since_1970(one["seen"].recorded_at for one in self.records)
         if not (days.size and days[-1] > days[0]):
             return math.nan
         return 365.25 * (days.size - 1) / float(days[-1] - days[0]) / self.state.settings.false_alarm_every
@@ -60,8 +62,7 @@ class MachineHistory:
         for one in seen:
             found = update(self.state, one, work=work)
             self.alarms += found.alarms
-            kept = {"record": one.record, "recorded_at": one.recorded_at}
-            self.records.append(kept | {"why": found.why, "index": found.index, "scores": found.scores})
+            self.records.append({"seen": one, "why": found.why, "index": found.index, "scores": found.scores})
             if found.judged:
                 self.last = found
 
@@ -71,11 +72,10 @@ class MachineHistory:
         It is the median slope of at least five records since then.
         """
         since = self.state.alarms[component].since if component in self.state.alarms else ""
-        begun = [n for n, one in enumerate(self.records) if since and since in (one["recorded_at"], one["record"])]
-        those = self.records[begun[-1] :] if begun else []
-        days = days_since_1970(one["recorded_at"] for one in those)
+        those = list(dropwhile(lambda one: one["seen"].when != since, self.records))
+        days = days_since_1970(one["seen"].recorded_at for one in those)
         scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
-        return float(series_slopes(scores[:, None], days).slope_per_day[0]) if len(those) else math.nan
+        return float(series_slopes(scores[:, None], days).slope_per_day[0])
 
 
 def watch_machines(

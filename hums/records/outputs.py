@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from socket import gethostname
+from tempfile import NamedTemporaryFile
 from typing import Any
 from uuid import uuid4
 
@@ -60,10 +61,8 @@ def check_outputs(
                 )
         if output.suffix.lower() in _LISTED:
             _sealed(output.parent)  # refuses an invalid list before the work begins
-        if not output.exists() or (output == folder and output.is_dir()):
+        if output == folder or not output.exists():
             continue
-        if output == folder:
-            raise RecordError(f"{output} is a file; name a folder.")
         if not output.is_file():
             kind = "a directory" if output.is_dir() else "a device or pipe"
             raise RecordError(f"{output} is {kind}, not a file; name another output.")
@@ -72,6 +71,18 @@ def check_outputs(
                 f"{output} exists and was not written by hums, or edited since, so it is not replaced; name another "
                 "output, move that file away, or replace it with --force (force=True)."
             )
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder if necessary; refuse one that is a file or cannot be written, before a long run."""
+    if folder.exists() and not folder.is_dir():
+        raise RecordError(f"{folder} is a file; name a folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RecordError(f"{folder} cannot be written ({error.strerror}); name a writable folder.") from None
 
 
 def _identities(path: Path) -> Iterator[object]:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any, Literal, TypeAlias
 
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
@@ -25,7 +24,7 @@ from hums.gearbox.model import Gearbox
 from hums.pages.page import page_environment, stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.fields import plain_cell
-from hums.records.outputs import check_outputs, write_text
+from hums.records.outputs import check_outputs, make_folder, write_text
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicator_tables import UNIT_WORDS, indicator_tables, velocity_zones
 from hums.report.verdict_strip import CLASSES, answer, component_styles, verdict_rows, with_hz
@@ -48,15 +47,8 @@ def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), for
         `force`, a file of another program.
     """
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder} is a file; name a folder for the report.")
     check_outputs((folder / name for name in _FILES), inputs=inputs, force=force)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ValueError(f"{folder} cannot be written ({error.strerror}); name a writable folder.") from None
+    make_folder(folder)
     return folder
 
 

@@ -79,7 +79,7 @@ class Layout:
 class Prior:
     """Typical standard deviations over machines, and their weight as a number of records.
 
-    ``series`` has one for each series, NaN if unknown, and ``least`` the least one; ``score`` is that of each fused
+    ``series`` has one for each series, and ``least`` the least one; ``score`` is that of each fused
     score, ``level`` of a channel's level, in the unit of the series.
     """
 
@@ -94,13 +94,11 @@ class Prior:
 class Reading:
     """A record relative to the baseline.
 
-    ``departures`` (..., series) are in deviations, ``growth`` (..., series) in the unit of the series (for logarithms:
-    relative growth), ``scores`` (..., scores) in deviations, ``level`` (..., channels) is the median deviation of a
-    channel, and ``recent`` (..., channels) the EWMA to which a sudden fall is referred.
+    ``departures`` (..., series) and ``scores`` (..., scores) are in deviations, ``level`` (..., channels) is the median
+    deviation of a channel, and ``recent`` (..., channels) the EWMA to which a sudden fall is referred.
     """
 
     departures: Array
-    growth: Array
     scores: Array
     level: Array
     recent: Array
@@ -136,7 +134,6 @@ class Normal:
         components = (fused - self.score.center) / self.score.scale
         return Reading(
             departures=departures,
-            growth=departures * self.series.scale,
             scores=np.concatenate([components, levels / _wider(self.raw, covariates)], axis=-1),
             level=level,
             recent=before + _RECENT * np.nan_to_num(low - before),

@@ -49,13 +49,6 @@ class LimitTable:
     limits: Array
     allowances: Array
 
-    def limits_of(self, independent: Array, every: float, groups: tuple[int, ...]) -> Array:
-        """Return the limits (ewmas, scores) for baselines of `independent` records (scores,), by interpolation."""
-        axes = np.log(self.baselines), np.log(self.every)
-        points = np.stack(np.broadcast_arrays(groups, np.log(independent), np.log(every)), axis=-1)
-        points[:, 1:] = np.clip(points[:, 1:], *np.transpose([axis[[0, -1]] for axis in axes]))
-        return np.exp(interpn((np.arange(len(self.limits)), *axes), np.log(self.limits), points).T)
-
 
 @dataclass(frozen=True, kw_only=True)
 class MachineLimits:
@@ -129,4 +122,8 @@ def machine_limits(
     """
     records, each = np.asarray(independent) / (1 + _OF_A_SLOPE * slopes), every_records * len(groups)
     allowance = float(np.interp(np.median(records), table.baselines, table.allowances))
-    return MachineLimits(allowance=allowance, limits=table.limits_of(records, each, groups), every_records=each)
+    axes = np.log(table.baselines), np.log(table.every)
+    points = np.stack(np.broadcast_arrays(groups, np.log(records), np.log(each)), axis=-1)
+    points[:, 1:] = np.clip(points[:, 1:], *np.transpose([axis[[0, -1]] for axis in axes]))
+    limits = np.exp(interpn((np.arange(len(table.limits)), *axes), np.log(table.limits), points).T)
+    return MachineLimits(allowance=allowance, limits=limits, every_records=each)

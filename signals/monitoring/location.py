@@ -74,7 +74,7 @@ def learn_baseline(
     values: Array,
     covariates: Array,
     *,
-    prior_scale: Array | float = math.nan,
+    prior_scale: Array | float = 0.0,
     prior_dof: float = 0.0,
     least_scale: Array | float = 0.0,
     independent: Array | float = 1.0,
@@ -89,7 +89,7 @@ def learn_baseline(
         Operating conditions; none: (..., records, 0). A constant covariate has no slope, nor has any with fewer than
         ten records per covariate.
     prior_scale : array or float
-        Typical standard deviation of each series, NaN if unknown.
+        Typical standard deviation of each series.
     prior_dof : float
         Weight of the typical one, as a number of records: variances are averaged as in a scaled inverse chi-squared
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
@@ -119,10 +119,9 @@ def learn_baseline(
             center, scale, weights = _location(values - design @ slopes)
         errors, regressors = _slope_errors(design, typical)
         scale = scale * np.sqrt(dof / np.maximum(dof - regressors[..., None], 1))
-    usual = np.broadcast_to(np.asarray(prior_scale, dtype=np.float64), scale.shape)
-    own, weight = independent * np.maximum(dof - regressors[..., None], 0), np.where(np.isfinite(usual), prior_dof, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        pooled = np.sqrt((np.nan_to_num(own * scale**2) + np.nan_to_num(weight * usual**2)) / (own + weight))
+    own, usual = independent * np.maximum(dof - regressors[..., None], 0), np.square(prior_scale)
+    with np.errstate(invalid="ignore"):
+        pooled = np.sqrt((np.nan_to_num(own * scale**2) + prior_dof * usual) / (own + prior_dof))
     pooled = np.maximum(pooled, least_scale * math.sqrt(min(1.0, _DRIFT_RECORDS / records)))
     watched = (2 * (dof + 1) >= max(2, records)) & (pooled > 0)
     return SeriesBaseline(

@@ -4,6 +4,7 @@ import copy
 import json
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,19 +28,19 @@ def content(page, figure):
 
 @pytest.fixture(scope="module")
 def failing():
-    """A machine whose pinion fails, and its results."""
+    """A machine whose pinion fails."""
     seen = [*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))]
     history = MachineHistory(state=MachineState(machine="mill", settings=followed([])[0].settings))
-    history.follow(seen, ())
-    return history, [kept(one, growth=1 + 9 * (number >= 40)) for number, one in enumerate(seen)]
+    history.follow([kept(one, growth=1 + 9 * (number >= 40)) for number, one in enumerate(seen)], ())
+    return history
 
 
 @pytest.fixture(scope="module")
 def long(failing, tmp_path_factory):
     """Machines with a record a day for five years, one of which fails; indices are drawn, not judged."""
     rng = np.random.default_rng(1)
-    worst, records = failing
-    histories, found = [worst], list(records)
+    worst, first = failing, kept(HEALTHY[-1])
+    histories = [worst]
     names = [name for name in worst.last.index if not name.startswith("sensor")]
     days = [(FIRST.replace(year=2021) + np.timedelta64(day, "D").item()).isoformat() for day in range(RECORDS)]
     for number in range(MACHINES - 1):
@@ -50,8 +51,7 @@ def long(failing, tmp_path_factory):
         history.alarms, index = [], rng.uniform(0, 0.6, (RECORDS, len(names))).tolist()
         history.records = [
             {
-                "record": f"{number}/{day}",
-                "recorded_at": days[day],
+                "seen": replace(first, record=f"{number}/{day}", recorded_at=days[day]),
                 "why": "",
                 "index": dict(zip(names, row, strict=True)),
                 "scores": {},
@@ -61,23 +61,17 @@ def long(failing, tmp_path_factory):
         history.last = copy.copy(worst.last)
         object.__setattr__(history.last, "index", history.records[-1]["index"])
         histories.append(history)
-        first = kept(HEALTHY[-1])
-        for day, when in enumerate(days):
-            one = copy.copy(first)
-            for name, value in (("record", f"{number}/{day}"), ("recorded_at", when)):
-                object.__setattr__(one, name, value)
-            found.append(one)
     path = tmp_path_factory.mktemp("fleet") / "fleet.html"
-    write_page(histories, found, path)
+    write_page(histories, path)
     return path
 
 
 def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
-    history, records = failing
+    history = failing
     quiet = copy.copy(history)
     quiet.state = MachineState(machine="fan")
-    quiet.records, quiet.alarms, quiet.last = [], [], None
-    write_page([quiet, history], records, tmp_path / "fleet.html", gearbox="two-stage")
+    quiet.records, quiet.alarms, quiet.last = history.records[:1], [], None
+    write_page([quiet, history], tmp_path / "fleet.html", gearbox="two-stage")
     page = (tmp_path / "fleet.html").read_text(encoding="utf-8")
     assert re.findall(r'<h2 id="machine-\d">(\w+) ', page) == ["mill", "fan"]
     health = content(page, "machine-0-health")["data"]
@@ -94,16 +88,16 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     assert re.search(r"stage 1/pinion: .* times normal, since 2026-04-10.*; inspect\.", page)
     assert 'href="reports' not in page
     quiet.state = MachineState(machine="é" * 5000)
-    write_page([quiet], records, tmp_path / "long.html")  # no folder has such a name
+    write_page([quiet], tmp_path / "long.html")  # no folder has such a name
     assert "<td>1</td><td>0.037</td>" in page  # one alarm; a record a day at one false alarm in 10,000 records
 
 
 def test_a_report_beside_the_page_is_linked(failing, tmp_path):
-    history, records = failing
+    history = failing
     report = tmp_path / "reports" / f"mill {history.alarms[0]['record']}" / "report.html"
     report.parent.mkdir(parents=True)
     report.touch()
-    write_page([history], records, tmp_path / "fleet.html")
+    write_page([history], tmp_path / "fleet.html")
     assert 'href="reports/mill%20record%2' in (tmp_path / "fleet.html").read_text(encoding="utf-8")
 
 
@@ -122,16 +116,16 @@ def test_five_years_of_many_machines_in_the_browser(browser, long):
 
 
 def test_fifty_machines_are_on_one_screen_the_most_urgent_first(browser, failing, tmp_path):
-    worst, records = failing
+    worst = failing
     quiet = MachineHistory(state=MachineState(machine="", settings=worst.state.settings))
-    quiet.follow(HEALTHY, ())
+    quiet.follow(map(kept, HEALTHY), ())
     histories = [worst]
     for number in range(49):
         one = copy.copy(quiet)
         one.state = copy.copy(quiet.state)
         one.state.machine = f"conveyor {number}"
         histories.insert(0, one)
-    write_page(histories, records, tmp_path / "fleet.html")
+    write_page(histories, tmp_path / "fleet.html")
     browser.set_window_size(1400, 1000)
     assert show(browser, tmp_path / "fleet.html", width=1400) == []
     rows = "return [...document.querySelectorAll('#machines tbody tr')].map((row) => "
@@ -145,8 +139,8 @@ def test_fifty_machines_are_on_one_screen_the_most_urgent_first(browser, failing
 
 
 def test_every_width_light_dark_and_paper(browser, failing, tmp_path):
-    history, records = failing
-    write_page([history], records, tmp_path / "fleet.html")
+    history = failing
+    write_page([history], tmp_path / "fleet.html")
     for width, dark in ((1280, False), (400, True)):
         assert show(browser, tmp_path / "fleet.html", width=width, dark=dark) == []
         draw_all(browser)

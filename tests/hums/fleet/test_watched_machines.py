@@ -66,8 +66,7 @@ def test_components_are_the_worst_first(whole):
 def test_growth_is_that_of_the_score_since_it_left_normal():
     history = MachineHistory(state=MachineState(machine="mill", alarms={"pinion": Alarm(since=COURSE[10].recorded_at)}))
     history.records = [
-        {"record": one.record, "recorded_at": one.recorded_at, "scores": {"pinion": 0.5 * max(0, number - 10)}}
-        for number, one in enumerate(COURSE[:20])
+        {"seen": one, "scores": {"pinion": 0.5 * max(0, number - 10)}} for number, one in enumerate(COURSE[:20])
     ]
     assert history.growth_per_day("pinion") == pytest.approx(0.5, rel=1e-9)  # a record a day
     assert np.isnan(history.growth_per_day("wheel"))
