@@ -26,7 +26,7 @@ import numpy as np
 
 from data_synth.dynamics.elements import GearMesh, Support, as_vector
 from data_synth.dynamics.parts import Inertia, MeshProperties, Parts, SupportStiffness, mesh_elements
-from data_synth.dynamics.placement import Contact, are_parallel, axis_points, contacts_of, direction_of
+from data_synth.dynamics.placement import Contact, are_parallel, axis_points, contacts_of, crossed_bodies
 from data_synth.dynamics.system import (
     PLANE,
     SPACE,
@@ -370,8 +370,11 @@ def assemble(
         meshes=list(given),
         contacts=[contact.name for contact in contacts],
     )
-    if motions == "plane":
-        _refuse_crossed(kinematics)
+    if motions == "plane" and (crossed := crossed_bodies(kinematics)) is not None:
+        raise ValueError(
+            f'motions = "plane" needs parallel axes, but those of "{crossed[0]}" and "{crossed[1]}" are not; use '
+            '"torsion" or "space".'
+        )
     frame = kinematics.mechanism.frame
     named = dict.fromkeys([*(inertias or {}), *(supports or {})])
     parts = Parts(
@@ -431,18 +434,6 @@ def _refuse_unknown(
             raise ValueError(f'meshes names "{name}", which is not in the gearbox{closest(name, sorted(known))}')
 
 
-def _refuse_crossed(kinematics: Kinematics) -> None:
-    """Raise ValueError if an axis is not parallel to the first."""
-    bodies_ = list(kinematics.joints)
-    first = direction_of(kinematics, bodies_[0])
-    for body in bodies_[1:]:
-        if not are_parallel(direction_of(kinematics, body), first):
-            raise ValueError(
-                f'motions = "plane" needs parallel axes, but those of "{bodies_[0]}" and "{body}" are not; use '
-                '"torsion" or "space".'
-            )
-
-
 def _refuse_nested(parts: Parts) -> None:
     """Raise ValueError if a carrier is carried itself, or does not rotate about z."""
     for body in parts.kinematics.joints:
@@ -467,25 +458,13 @@ def _refuse_nested(parts: Parts) -> None:
 _ROUNDING = 1e-12
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExcitedDofs:
-    """The degrees of freedom that are excited, with the system reduced to them.
+def excited_dofs_of(whole: Assembly) -> tuple[System, NDArray[np.int_]]:
+    """Return the equations of motion of the degrees of freedom that are excited, and their numbers among all, (k,).
 
-    Attributes
-    ----------
-    system : System
-        Their equations of motion, with gyroscopic terms. The centripetal stiffness of a rotating frame, of relative
-        size ``(Omega / omega)^2``, is left out because it would make free rotations unstable.
-    numbers : (k,) array
-        Their indices among all degrees of freedom.
+    They are those coupled to a rotation about an axis or to the deflection of a mesh. Gyroscopic terms are included;
+    the centripetal stiffness of a rotating frame, of relative size ``(Omega / omega)^2``, is left out because it would
+    make free rotations unstable.
     """
-
-    system: System
-    numbers: NDArray[np.int_] = field(repr=False)
-
-
-def excited_dofs_of(whole: Assembly) -> ExcitedDofs:
-    """Return the degrees of freedom coupled to a rotation about an axis or to the deflection of a mesh."""
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
 
     system, size = whole.system, len(whole.system.names)
@@ -506,18 +485,16 @@ def excited_dofs_of(whole: Assembly) -> ExcitedDofs:
     springs = [replace(spring, direction=reduced(spring.direction)) for spring in whole.springs]
     springs = [spring for spring in springs if spring.direction.any()]
     stiffness, damping = spring_matrices(springs, numbers.size)
-    return ExcitedDofs(
-        system=System(
-            mass=system.mass[square],
-            damping=damping,
-            stiffness=stiffness,
-            gyroscopic=gyroscopic[square] if gyroscopic.any() else None,
-            meshes=tuple(mesh.in_coordinates(reduced) for mesh in system.meshes),
-            names=tuple(system.names[number] for number in numbers),
-            springs=tuple(springs),
-        ),
-        numbers=numbers,
+    excited_system = System(
+        mass=system.mass[square],
+        damping=damping,
+        stiffness=stiffness,
+        gyroscopic=gyroscopic[square] if gyroscopic.any() else None,
+        meshes=tuple(mesh.in_coordinates(reduced) for mesh in system.meshes),
+        names=tuple(system.names[number] for number in numbers),
+        springs=tuple(springs),
     )
+    return excited_system, numbers
 
 
 def _without_rounding(direction: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from data_synth.dynamics.system import FrictionForce, Mesh, Spring
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from data_synth.dynamics.system import Array, Coordinates, Vector
     from data_synth.gears.friction import SlidingFriction
@@ -52,7 +52,33 @@ class Coupling:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeneralMesh:
+class _MeshElement:
+    """What all meshes have, however their deflection is given."""
+
+    name: str
+    stiffness: Stiffness
+    error: TransmissionError | None = None
+    backlash_m: float = 0.0
+    damping: float = 0.0
+    cycles_per_rev: float = 1.0
+
+    def _mesh_and_damper(self, row: Array, friction: tuple[FrictionForce, ...] = ()) -> Iterator[Spring | Mesh]:
+        """Yield the mesh with deflection row g, and its damper."""
+        yield Mesh(
+            name=self.name,
+            direction=row,
+            stiffness=self.stiffness,
+            error=self.error,
+            backlash_m=self.backlash_m,
+            cycles_per_rev=self.cycles_per_rev,
+            friction=friction,
+        )
+        if self.damping:
+            yield Spring(direction=row, stiffness=0.0, damping=self.damping)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneralMesh(_MeshElement):
     """A mesh whose deflection is given as ``sum factor x motion``, as in torsional models.
 
     Attributes
@@ -77,17 +103,11 @@ class GeneralMesh:
     [0.05, -0.1]
     """
 
-    name: str
     motions: Mapping[Place, float]
-    stiffness: Stiffness
-    error: TransmissionError | None = None
-    backlash_m: float = 0.0
-    damping: float = 0.0
-    cycles_per_rev: float = 1.0
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring | Mesh]:
         """Yield the mesh and its damper."""
-        yield from _mesh_terms(self, row_of(self.motions, coordinates))
+        yield from self._mesh_and_damper(row_of(self.motions, coordinates))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,23 +152,13 @@ class Support:
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
         """Yield a spring for each direction with a stiffness."""
-        one, other = self.between
-        body = coordinates.body(one)
+        body = coordinates.body(self.between[0])
         point = self.point_m or body.centre_m
-        x, y, z = (body.rotation_axis(motion) for motion in ("tilt x", "tilt y", "rotation"))
-        for value, along in ((self.x, x), (self.y, y), (self.z, z)):
-            yield from self._spring(
-                value,
-                coordinates.displacement_row(one, point, along) - coordinates.displacement_row(other, point, along),
-            )
-        for value, about in ((self.tilt_x, x), (self.tilt_y, y), (self.torsion, z)):
-            yield from self._spring(
-                value, coordinates.rotation_row(one, about) - coordinates.rotation_row(other, about)
-            )
-
-    def _spring(self, value: float, row: Array) -> Iterator[Spring]:
-        if value and row.any():
-            yield Spring(direction=row, stiffness=value, damping=self.damping_s * value)
+        axes = [body.rotation_axis(motion) for motion in ("tilt x", "tilt y", "rotation")]
+        rows = [coordinates.displacement_row(*self.between, point, along) for along in axes]
+        rows += [coordinates.rotation_row(*self.between, about) for about in axes]
+        values = (self.x, self.y, self.z, self.tilt_x, self.tilt_y, self.torsion)
+        yield from _springs(zip(values, rows, strict=True), self.damping_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,9 +218,8 @@ class Shaft:
                 "alone, or centre_m of each body."
             )
         along = span / distance if distance else one.rotation_axis("rotation")
-        for value, row in self._deformations(coordinates, along, length, bends=math.isclose(distance, length)):
-            if row.any():
-                yield Spring(direction=row, stiffness=value, damping=self.damping_s * value)
+        deformations = self._deformations(coordinates, along, length, bends=math.isclose(distance, length))
+        yield from _springs(deformations, self.damping_s)
 
     def _deformations(
         self, coordinates: Coordinates, along: Array, length: float, *, bends: bool
@@ -218,26 +227,30 @@ class Shaft:
         """Yield stiffness and deflection row of torsion, tension and bending in two planes."""
         a, b = self.between
         tension, shear, bending, torsion = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
-        yield (
-            torsion / length,
-            coordinates.rotation_row(b, along) - coordinates.rotation_row(a, along),
-        )
+        yield torsion / length, coordinates.rotation_row(b, a, along)
         if not bends:
             return
-        here, there = coordinates.body(a).centre_m, coordinates.body(b).centre_m
-        yield (
-            tension / length,
-            coordinates.displacement_row(b, there, along) - coordinates.displacement_row(a, here, along),
-        )
+
+        def stretch(direction: Array) -> Array:
+            there, here = (coordinates.body(name).centre_m for name in (b, a))
+            return coordinates.displacement_row(b, None, there, direction) - coordinates.displacement_row(
+                a, None, here, direction
+            )
+
+        yield tension / length, stretch(along)
         shear_factor = 1 + 12 * bending / (shear * length**2)
         for across in (coordinates.body(a).rotation_axis("tilt x"), coordinates.body(a).rotation_axis("tilt y")):
             about = np.cross(along, across)  # v' = t about this
-            rise = (
-                coordinates.displacement_row(b, there, across) - coordinates.displacement_row(a, here, across)
-            ) / length
-            tilts = coordinates.rotation_row(a, about), coordinates.rotation_row(b, about)
+            tilts = coordinates.rotation_row(a, None, about), coordinates.rotation_row(b, None, about)
             yield bending / length, tilts[1] - tilts[0]
-            yield 3 * bending / (length * shear_factor), tilts[0] + tilts[1] - 2 * rise
+            yield 3 * bending / (length * shear_factor), tilts[0] + tilts[1] - 2 * stretch(across) / length
+
+
+def _springs(deformations: Iterable[tuple[float, Array]], damping_s: float) -> Iterator[Spring]:
+    """Yield a spring for each stiffness and deflection row that are not zero."""
+    for value, row in deformations:
+        if value and row.any():
+            yield Spring(direction=row, stiffness=value, damping=damping_s * value)
 
 
 def _section(diameter_m: float, bore_m: float, young_pa: float, poisson: float) -> tuple[float, float, float, float]:
@@ -298,7 +311,7 @@ class BearingShaft:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GearMesh:
+class GearMesh(_MeshElement):
     """A mesh in space, with a line of action through a contact point.
 
     The deflection ``n . (u_a(P) - u_b(P))`` is the approach of the flanks. With gear a driving counter-clockwise, ``n``
@@ -335,26 +348,16 @@ class GearMesh:
     [0.34202, 0.939693, 0.093969]
     """
 
-    name: str
     gears: tuple[str | None, str | None]
     direction: Vector
     point_m: Vector
-    stiffness: Stiffness
-    error: TransmissionError | None = None
-    backlash_m: float = 0.0
-    damping: float = 0.0
-    cycles_per_rev: float = 1.0
     friction: SlidingFriction | None = None
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring | Mesh]:
         """Yield the mesh and its damper."""
-        one, other = self.gears
-        row = coordinates.displacement_row(one, self.point_m, self.direction) - coordinates.displacement_row(
-            other, self.point_m, self.direction
-        )
-        yield from _mesh_terms(
-            self, row, () if self.friction is None else self._friction_forces(coordinates, self.friction)
-        )
+        row = coordinates.displacement_row(*self.gears, self.point_m, self.direction)
+        friction = () if self.friction is None else self._friction_forces(coordinates, self.friction)
+        yield from self._mesh_and_damper(row, friction)
 
     def _friction_forces(
         self, coordinates: Coordinates, friction: SlidingFriction
@@ -377,9 +380,7 @@ class GearMesh:
 
         def sliding(distance_m: float) -> Array:
             point = np.asarray(self.point_m) + (distance_m - on_path) * along
-            return coordinates.displacement_row(self.gears[0], point, across) - coordinates.displacement_row(
-                self.gears[1], point, across
-            )
+            return coordinates.displacement_row(*self.gears, point, across)
 
         sideways, lever = friction.shares
         return FrictionForce(direction=sliding(0.0), factor=sideways), FrictionForce(
@@ -447,20 +448,3 @@ def row_of(motions: Mapping[Place, float], coordinates: Coordinates) -> Array:
             )
         row[coordinates.index[name, motion]] += factor
     return row
-
-
-def _mesh_terms(
-    element: GearMesh | GeneralMesh, row: Array, friction: tuple[FrictionForce, ...] = ()
-) -> Iterator[Spring | Mesh]:
-    """Yield the mesh of an element with deflection row g, and its damper."""
-    yield Mesh(
-        name=element.name,
-        direction=row,
-        stiffness=element.stiffness,
-        error=element.error,
-        backlash_m=element.backlash_m,
-        cycles_per_rev=element.cycles_per_rev,
-        friction=friction,
-    )
-    if element.damping:
-        yield Spring(direction=row, stiffness=0.0, damping=element.damping)

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -286,40 +287,29 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
         speed = parts.relative_speed(contact.links[0], contact.carrier)
         driving_speed = speed if driving[contact.name] == 0 else -speed
         stiffness, error = _with_planet_phase(parts, contact, given)
-        cycles = float(abs(contact.teeth[0] * speed) / reference_speed)
         friction = _friction(parts, contact, given, driver=driving[contact.name])
+        common: dict[str, Any] = {
+            "name": contact.name,
+            "stiffness": stiffness,
+            "error": error,
+            "backlash_m": given.backlash_m,
+            "damping": given.damping,
+            "cycles_per_rev": float(abs(contact.teeth[0] * speed) / reference_speed),
+        }
         if parts.torsion:
             if friction is not None:
                 raise ValueError(
                     f'mesh "{contact.mesh}": friction acts across the line of action, which motions = "torsion" lacks; '
                     'use "plane" or "space", or leave friction_coefficient out.'
                 )
-            yield GeneralMesh(
-                name=contact.name,
-                motions=_torsion_row(parts, contact, -1 if contact.teeth[0] * driving_speed < 0 else 1),
-                stiffness=stiffness,
-                error=error,
-                backlash_m=given.backlash_m,
-                damping=given.damping,
-                cycles_per_rev=cycles,
-            )
+            sense = -1 if contact.teeth[0] * driving_speed < 0 else 1
+            yield GeneralMesh(motions=_torsion_row(parts, contact, sense), **common)
             continue
         direction, point = _line_of_action(parts, contact, driving_speed)
         gears = _body_of(parts, contact, 0), _body_of(parts, contact, 1)
         if friction is not None and driving[contact.name] == 1:  # the driver first
             gears, direction = gears[::-1], (-direction[0], -direction[1], -direction[2])
-        yield GearMesh(
-            name=contact.name,
-            gears=gears,
-            direction=direction,
-            point_m=point,
-            stiffness=stiffness,
-            error=error,
-            backlash_m=given.backlash_m,
-            damping=given.damping,
-            cycles_per_rev=cycles,
-            friction=friction,
-        )
+        yield GearMesh(gears=gears, direction=direction, point_m=point, friction=friction, **common)
 
 
 def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: int) -> SlidingFriction | None:

@@ -80,10 +80,6 @@ class Cone:
         )
         return replace(middle, teeth=(one, -two if self.internal else two))
 
-    def reversed(self) -> "Cone":
-        """Return the same cones with the gears in the other order."""
-        return replace(self, axes=(self.axes[1], self.axes[0]))
-
 
 def cone_of(axes: tuple[Array, Array], teeth: tuple[int, int]) -> Cone:
     """Return the pitch cones of two gears on axes of given directions, with signs as in ``Z_i w_i + Z_j w_j = 0``.
@@ -169,7 +165,8 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
         swapped = internal and abs(ones) > abs(twos)
         links, teeth = ((two, one), (twos, ones)) if swapped else ((one, two), (ones, twos))
         signed = (abs(teeth[0]), -abs(teeth[1]) if internal else abs(teeth[1]))
-        cone = cone.reversed() if cone is not None and swapped else cone
+        if cone is not None and swapped:
+            cone = replace(cone, axes=(cone.axes[1], cone.axes[0]))
         found.append(
             Contact(
                 mesh=contact.mesh,
@@ -317,6 +314,13 @@ def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
 def are_parallel(one: Array, two: Array) -> bool:
     """Return whether two unit vectors (3,) are parallel or antiparallel."""
     return abs(abs(float(one @ two)) - 1) < _PARALLEL
+
+
+def crossed_bodies(kinematics: Kinematics) -> tuple[str, str] | None:
+    """Return the first body and another whose axis is not parallel to its own; None if all axes are parallel."""
+    first, *others = kinematics.joints
+    one = direction_of(kinematics, first)
+    return next(((first, body) for body in others if not are_parallel(direction_of(kinematics, body), one)), None)
 
 
 def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:

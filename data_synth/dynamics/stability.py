@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -296,16 +297,16 @@ def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array
     >>> f"{4 / tongue.high_rad_s**2:.5f} {mathieu_b(1, 0.8 / tongue.high_rad_s**2):.5f}"
     '0.83052 0.83052'
     """
+    from scipy.optimize import bisect  # noqa: PLC0415 - rarely needed
+
     speeds, periodic = [float(speed) for speed in speeds_rad_s], _Periodic(system)
     growth = [periodic.multipliers(speed).largest for speed in speeds]
     grows = [value > 1 + _ROUNDING for value in growth]
 
-    def edge(stable: float, unstable: float) -> float:
-        while abs(unstable - stable) > 1e-10 * unstable:
-            middle = (stable + unstable) / 2
-            inside = periodic.multipliers(middle).largest > 1 + _ROUNDING
-            stable, unstable = (stable, middle) if inside else (middle, unstable)
-        return unstable
+    def excess(speed: float) -> float:
+        return periodic.multipliers(speed).largest - 1 - _ROUNDING
+
+    edge = partial(bisect, excess, rtol=1e-10)
 
     tongues, start = [], 0
     for number in range(1, len(speeds) + 1):
@@ -313,7 +314,7 @@ def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array
             continue
         if grows[start]:
             low = edge(speeds[start - 1], speeds[start]) if start else speeds[0]
-            high = edge(speeds[number], speeds[number - 1]) if number < len(speeds) else speeds[-1]
+            high = edge(speeds[number - 1], speeds[number]) if number < len(speeds) else speeds[-1]
             tongues.append(Tongue(low_rad_s=low, high_rad_s=high, growth=max(growth[start:number])))
         start = number
     return tuple(tongues)

@@ -406,32 +406,35 @@ class Coordinates:
             raise ValueError(f'no body is called "{name}"; known: {", ".join(self.bodies)}.')
         return self.bodies[name]
 
-    def displacement_row(self, name: str | None, point_m: Vector | Array, direction: Vector | Array) -> Array:
-        """Return the row g (dof,) of the displacement of a point P of a body along a direction d.
+    def displacement_row(
+        self, one: str | None, other: str | None, point_m: Vector | Array, direction: Vector | Array
+    ) -> Array:
+        """Return the row g (dof,) of the displacement of a point P of one body relative to another along a direction d.
 
-        ``g . q = d . (u + theta x (P - centre))``; zero for None, the ground.
+        ``g . q = d . (u + theta x (P - centre))`` of the first, less that of the second; None is the ground.
         """
-        row = np.zeros(len(self.names))
-        if name is None:
-            return row
-        body, along = self.body(name), np.asarray(direction, dtype=np.float64)
-        moment = np.cross(np.asarray(point_m) - np.asarray(body.centre_m), along)
+        row, along = np.zeros(len(self.names)), np.asarray(direction, dtype=np.float64)
+        for name, signed in ((one, along), (other, -along)):
+            if name is not None:
+                arm = np.asarray(point_m) - np.asarray(self.body(name).centre_m)
+                self._add(row, name, signed, np.cross(arm, signed))
+        return row
+
+    def rotation_row(self, one: str | None, other: str | None, direction: Vector | Array) -> Array:
+        """Return the row g (dof,) of the rotation of one body relative to another about a direction; None: ground."""
+        row, about = np.zeros(len(self.names)), np.asarray(direction, dtype=np.float64)
+        for name, signed in ((one, about), (other, -about)):
+            if name is not None:
+                self._add(row, name, np.zeros(3), signed)
+        return row
+
+    def _add(self, row: Array, name: str, force: Array, moment: Array) -> None:
+        """Add to `row` the generalised force of a force and a moment on a body at its centre, (3,) each."""
+        body = self.body(name)
         for motion in body.motions:
             rotates = motion not in _TRANSLATIONS
-            row[self.index[name, motion]] = (
-                body.rotation_axis(motion) @ moment if rotates else np.asarray(_TRANSLATIONS[motion]) @ along
-            )
-        return row
-
-    def rotation_row(self, name: str | None, direction: Vector | Array) -> Array:
-        """Return the row g (dof,) of the rotation of a body about a direction; zero for None, the ground."""
-        row = np.zeros(len(self.names))
-        if name is not None:
-            body = self.body(name)
-            for motion in body.motions:
-                if motion not in _TRANSLATIONS:
-                    row[self.index[name, motion]] = body.rotation_axis(motion) @ np.asarray(direction, dtype=np.float64)
-        return row
+            share = body.rotation_axis(motion) @ moment if rotates else np.asarray(_TRANSLATIONS[motion]) @ force
+            row[self.index[name, motion]] += share
 
 
 class Element(Protocol):

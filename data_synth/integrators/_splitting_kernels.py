@@ -28,7 +28,6 @@ Booleans = NDArray[np.bool_]
 C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # coefficients of the commutator
 M0, M2 = 1 / 24, 1 / 480  # coefficients of the correction of the middle deflection
 TILE = 256  # steps whose teeth are looked up together, so that look-ups need not wait for earlier steps
-GAP, BACK_GAP, MEAN, OFFSET = range(4)  # per mesh: half its backlash on either flank, and its force in the flow
 DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # current values per mesh
 
 
@@ -284,10 +283,8 @@ def split_steps(
         state[i] = start[i]
     x, pending, inputs = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
     # values of a mesh are adjacent: loops over a few meshes do not benefit from vectors
-    teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 5))
+    force, means = np.zeros((meshes, 5)), equations.mean_stiffnesses
     for m in range(meshes):
-        teeth[m, GAP], teeth[m, BACK_GAP] = equations.backlashes[m], equations.back_half_gaps[m]
-        teeth[m, MEAN], teeth[m, OFFSET] = equations.mean_stiffnesses[m], equations.offsets[m]
         for i in range(size):
             force[m, DEFLECTION] += deflection_rows[i, m] * x[i]
     weighting = weighted_forces.shape[0] > 0
@@ -338,7 +335,7 @@ def split_steps(
             for m in range(meshes):
                 deflection = force[m, DEFLECTION]
                 force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
-                    deflection - errors[here, m, node], teeth[m, GAP], teeth[m, BACK_GAP]
+                    deflection - errors[here, m, node], equations.backlashes[m], equations.back_half_gaps[m]
                 )
                 followed = inputs[3 * m + node]
                 strength = at_node(node, stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2])
@@ -348,7 +345,7 @@ def split_steps(
                     followed = equations.following[m] * at_node(node, jump[3], jump[4], jump[5])
                     exact = at_node(node, jump[0], jump[1], jump[2])
                     elastic += force[m, CONTACT] * (strength * errors[here, m, node] - exact)
-                force[m, IN_FLOW] = teeth[m, MEAN] * (deflection - followed - teeth[m, OFFSET])
+                force[m, IN_FLOW] = means[m] * (deflection - followed - equations.offsets[m])
                 acting[m] -= weight * (elastic - force[m, IN_FLOW])
                 force[m, CORRECTION] = 0.0
             if node == 1:  # commutator of two mesh forces
@@ -358,7 +355,7 @@ def split_steps(
                     f1, f2 = a1 * force[j, COMPRESSION], a2 * force[j, COMPRESSION]
                     for i in range(meshes):
                         contact = force[i, CONTACT]
-                        g0 = stiffness[here, i, 0] * contact - teeth[i, MEAN]
+                        g0 = stiffness[here, i, 0] * contact - means[i]
                         g1, g2 = stiffness[here, i, 1] * contact, stiffness[here, i, 2] * contact
                         form = C00 * (f0 * g0) - C02 * (f0 * g2 + f2 * g0 + f1 * g1) - C22 * f2 * g2
                         impulse[i] += cube * coupling[i, j] * form

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import RotatingForce
@@ -24,14 +25,23 @@ from data_synth.transfer.paths import AnalogFilter, ModalPath, mode_filter
 #     H(s) = direct + sum_i residue_i / (s - p_i)
 #
 # There is one recursion per pole. The input is linear between samples, which multiplies its spectrum by ``sinc^2``;
-# this is compensated by the first terms of ``1 / sinc^2(x / 2) = 1 + s^2 / 3 + 8 s^4 / 45 + ...``, ``s = sin(x / 2)``,
-# so that H is accurate to 1e-4 up to a tenth of the rate and to 5e-3 up to a fifth.
+# this is compensated so that H is accurate to 1e-4 up to a tenth of the rate and to 5e-3 up to a fifth.
 
 
 ComplexArray = NDArray[np.complex128]
 
 AHEAD = 2  # input samples that a response needs in advance
-CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 - 4 / 90, 1 / 90])
+
+
+def sinc_correction(terms: int) -> Array:
+    """Return the first terms of ``1 / sinc^2(x / 2) = (asin(s) / s)^2``, ``s = sin(x / 2)``, as a symmetric filter.
+
+    They are ``sum_n 2^(2n+1) n!^2 / (2n+2)! s^2n``; the filter (2 terms + 1,) corrects the spectrum of values that are
+    linear between samples.
+    """
+    square, delay = Polynomial([-0.25, 0.5, -0.25]), Polynomial([0.0, 1.0])
+    shares = [2 ** (2 * n + 1) * math.factorial(n) ** 2 / math.factorial(2 * n + 2) for n in range(terms + 1)]
+    return np.asarray(sum(share * square**n * delay ** (terms - n) for n, share in enumerate(shares)).coef)
 
 
 def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -84,7 +94,7 @@ class PoleFilter:
         self._input_history = joined[-2 * AHEAD - 1 :]
         direct = np.concatenate([self._direct_history, samples if at_once is None else at_once])
         self._direct_history = direct[-AHEAD:]
-        corrected = np.convolve(joined, CORRECTION, mode="valid")
+        corrected = np.convolve(joined, sinc_correction(AHEAD), mode="valid")
         out = self._direct * direct[:-AHEAD]  # feedthrough needs no interpolation
         add_pole_responses(out, corrected, self._decay, self._weights_new, self._weights_old, self._states)
         return out
@@ -96,41 +106,15 @@ class PoleFilter:
 _FLAT = math.sqrt(0.5)  # damping ratio of a second-order Butterworth filter
 
 
-def housing_filter(
-    *, mass_kg: float, mounts: Mode, path: Mode | None, sensor: Sensor, rate_hz: float, rigid_below_hz: float | None
-) -> AnalogFilter:
-    """Return the filter from a force in N to a channel.
-
-    Parameters
-    ----------
-    mass_kg : float
-    mounts : Mode
-    path : Mode or None
-        Mode of the path of the scene.
-    sensor : Sensor
-    rate_hz : float
-        Sampling rate of the channel, on which its anti-aliasing filter depends.
-    rigid_below_hz : float or None
-        v / 2 pi of the high-pass filter; None for no filter.
-    """
-    below = [] if rigid_below_hz is None else [Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT)]
-    high_pass = np.concatenate([mode_filter(mode).poles for mode in (mounts, *below)])
-    gain = 1 / mass_kg / (STANDARD_GRAVITY if sensor.units == "g" else 1.0)
-    chain = AnalogFilter(gain=gain, coupling=high_pass).then(linear_chain(sensor, rate_hz=rate_hz))
-    return chain if path is None else mode_filter(path).then(chain)
-
-
 def housing_of(scene: Scene, sensor: Sensor, *, elastic: bool = False) -> AnalogFilter:
-    """Return the transfer function of the housing to a sensor: as a rigid body, or the contribution of elasticity."""
-    declared = scene.dynamics_or_default
-    return housing_filter(
-        mass_kg=declared.housing_kg,
-        mounts=declared.mounts,
-        path=scene.path,
-        sensor=sensor,
-        rate_hz=scene.rate_hz,
-        rigid_below_hz=declared.rigid_below_hz if elastic else None,
-    )
+    """Return the filter from a force in N to a channel, through the housing as a rigid body or by its elasticity."""
+    declared, modes = scene.dynamics_or_default, [scene.dynamics_or_default.mounts]
+    if elastic:
+        modes.append(Mode(frequency_hz=declared.rigid_below_hz, damping_ratio=_FLAT))
+    high_pass = np.concatenate([mode_filter(mode).poles for mode in modes])
+    gain = 1 / declared.housing_kg / (STANDARD_GRAVITY if sensor.units == "g" else 1.0)
+    chain = AnalogFilter(gain=gain, coupling=high_pass).then(linear_chain(sensor, rate_hz=scene.rate_hz))
+    return chain if scene.path is None else mode_filter(scene.path).then(chain)
 
 
 def body_weights(

@@ -48,7 +48,7 @@ def mechanics_truth(motion: Motion) -> dict[str, xr.DataArray]:
     """
     prepared, scene, system = motion.stage, motion.stage.scene, motion.system
     whole = assembly_of(prepared, motion.gears)
-    supports, displacement, velocity = support_forces(whole, excited_dofs_of(whole))
+    supports, displacement, velocity = support_forces(whole, excited_dofs_of(whole)[1])
     turning = [link for link in link_speeds(prepared) if _rotation(prepared, link) in system.names]
     rotations = np.eye(system.dof)[[system.names.index(_rotation(prepared, link)) for link in turning]]
     contacts = len(system.meshes)

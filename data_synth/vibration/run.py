@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble, excited_dofs_of
 from data_synth.dynamics.elements import BearingShaft
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
-from data_synth.dynamics.placement import are_parallel, direction_of
+from data_synth.dynamics.placement import crossed_bodies
 from data_synth.dynamics.system import Array, System, errors_at
 from data_synth.integrators.problem import Integration, IntegrationError, Output, Problem, State
 from data_synth.operation.drive import ReferenceAngle
@@ -27,6 +27,7 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.families import last_s
 from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.transfer.housing import sinc_correction
 from data_synth.vibration.gear_torques import (
     DriveLoad,
     drive_load_of,
@@ -66,7 +67,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
     try:
         return assemble(
             kinematics,
-            motions="space" if has_helix or declared.shafts or has_crossed_axes(kinematics) else "plane",
+            motions="space" if has_helix or declared.shafts or crossed_bodies(kinematics) else "plane",
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links
@@ -84,12 +85,6 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
         for ours, declared_as in (("inertias", "links"), ("supports", "bearings")):
             words = words.replace(f'{ours} names "', f'{declared_as} names "')
         raise SceneError(f"dynamics: {words}") from None
-
-
-def has_crossed_axes(kinematics: Kinematics) -> bool:
-    """Return whether some axis is not parallel to the others."""
-    first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
-    return not all(are_parallel(first, other) for other in others)
 
 
 def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
@@ -122,22 +117,11 @@ def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Suppo
 
 # ---- Anti-aliasing of mesh forces that jump --------------------------------------------------------------------------
 # A triangle over two sample intervals (a linear B-spline) has the spectrum sinc^2, which attenuates aliases. The
-# passband is corrected by the first terms of 1 / sinc^2(x / 2) = (asin(s) / s)^2, s = sin(x / 2): to 1e-6 up to a tenth
-# of the rate, and to 2e-4 up to a fifth.
+# passband is corrected to 1e-6 up to a tenth of the rate, and to 2e-4 up to a fifth.
 
 
 _TERMS = 6
 _LAG = _TERMS + 1  # samples
-
-
-def _correction() -> Array:
-    """Return the symmetric filter (2 terms + 1,) with the response ``sum_n 2^(2n+1) n!^2 / (2n+2)! s^2n``."""
-    taps, power = np.zeros(2 * _TERMS + 1), np.ones(1)
-    for n in range(_TERMS + 1):
-        share = 2 ** (2 * n + 1) * math.factorial(n) ** 2 / math.factorial(2 * n + 2)
-        taps[_TERMS - n : _TERMS + n + 1] += share * power
-        power = np.convolve(power, [-0.25, 0.5, -0.25])
-    return taps
 
 
 @dataclass(kw_only=True)
@@ -148,12 +132,9 @@ class _WeightedForces:
     ----------
     output : Output
         Output to integrate: the channels of motion, of weighted mesh forces, and of mesh forces at samples.
-    trial_output : Output
-        The same without the last, for the choice of the step size.
     """
 
     output: Output
-    trial_output: Output
     _buffer: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
 
     @classmethod
@@ -168,9 +149,8 @@ class _WeightedForces:
         }
         zero = np.zeros_like(output.mesh_force)
         weighted_rows = np.vstack([zero, output.mesh_force, zero])
-        trial_output = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows)
         points = np.vstack([zero, zero, output.mesh_force])
-        return cls(output=replace(trial_output, mesh_force=points), trial_output=trial_output)
+        return cls(output=Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows, mesh_force=points))
 
     def push(self, values: Array) -> tuple[Array, Array]:
         """Return the channels (n, channels), `_LAG` samples behind the next values (n, 3 channels).
@@ -185,7 +165,7 @@ class _WeightedForces:
         # a triangle is centred one sample back, and the filter is symmetric
         now = joined[_TERMS : _TERMS + count]
         motion, points = now[:, :channels], now[:, 2 * channels :]
-        taps = _correction()
+        taps = sinc_correction(_TERMS)
         weighted = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
         return np.asarray(motion + np.stack(weighted, axis=1)), np.asarray(motion + points)
 
@@ -337,7 +317,8 @@ class Motion:
         try:
             return steps_for_error(
                 self.problem(start_s, long_s),
-                output=trial_output if weighted is None else weighted.trial_output,
+                # forces at samples would alias
+                output=trial_output if weighted is None else replace(weighted.output, mesh_force=None),
                 relative=self.error,
                 trial=_TRIAL * self.oversampling,
             )
@@ -396,7 +377,7 @@ def scene_system(scene: Scene) -> Callable[[float], System]:
     gears = prepare_gears(stage)
 
     def system_at(speed_rad_s: float) -> System:
-        system = excited_dofs_of(assembly_of(stage, gears, speed_rad_s=speed_rad_s)).system
+        system, _ = excited_dofs_of(assembly_of(stage, gears, speed_rad_s=speed_rad_s))
         return with_modal_damping(system, ratio=scene.dynamics_or_default.damping_ratio)
 
     return system_at
@@ -417,7 +398,7 @@ def prepare_gears(stage: PreparedScene) -> Gears:
         return gears_of(stage, kinematics)
     healthy = stage.without_faults()
     gears = gears_of(healthy, kinematics)
-    system = excited_dofs_of(assembly_of(healthy, gears)).system
+    system, _ = excited_dofs_of(assembly_of(healthy, gears))
     load = drive_load_of(healthy, kinematics, system)
     _, forces = static_deflection(system, load.forces(healthy.speed_hz, healthy.instants_s).T)
     named = zip(system.meshes, forces, strict=True)
@@ -440,11 +421,8 @@ def motion_of(stage: PreparedScene) -> Motion:
     scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
     declared = scene.dynamics_or_default
     whole = assembly_of(stage, gears)
-    excited = excited_dofs_of(whole)
-    system = replace(
-        excited.system,
-        meshes=tuple(teeth[mesh.name].over_time(mesh) for mesh in excited.system.meshes),
-    )
+    excited, numbers = excited_dofs_of(whole)
+    system = replace(excited, meshes=tuple(teeth[mesh.name].over_time(mesh) for mesh in excited.meshes))
     damped = with_modal_damping(system, ratio=declared.damping_ratio)
     angular, _ = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     slowest = min(
@@ -452,7 +430,7 @@ def motion_of(stage: PreparedScene) -> Motion:
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
     acting = drive_load_of(stage, kinematics, system)
-    sensor_forces = sensor_forces_of(stage, whole, excited)
+    sensor_forces = sensor_forces_of(stage, whole, numbers)
     fastest = float(np.max(angular))
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:

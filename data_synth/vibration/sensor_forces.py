@@ -19,8 +19,9 @@ from dataclasses import dataclass, field
 from itertools import compress
 
 import numpy as np
+from numpy.typing import NDArray
 
-from data_synth.dynamics.assembly import Assembly, ExcitedDofs
+from data_synth.dynamics.assembly import Assembly
 from data_synth.dynamics.placement import planet_angle, planet_of
 from data_synth.dynamics.system import Array
 from data_synth.integrators.problem import Output
@@ -162,16 +163,6 @@ _ALONG = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class RotatingReading:
-    """Two force components that rotate with a carrier: ``cos(angle) first + sin(angle) second`` acts on a route."""
-
-    route: int
-    first: int
-    second: int
-    carrier: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class PassingMesh:
     """Force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it.
 
@@ -200,7 +191,8 @@ class SensorForces:
     Attributes
     ----------
     output : Output
-        Output maps: one for each route in fixed coordinates, then those that `rotating` and `passing` use.
+        Output maps: one for each route in fixed coordinates; two for each route and carrier, of forces that rotate with
+        it, ``cos(angle) first + sin(angle) second``, those of all routes one after the other; then those of `passing`.
     routes : tuple of Route
         Transfer routes.
     carriers : mapping of carrier to (ratio, offset)
@@ -218,7 +210,6 @@ class SensorForces:
     stage: PreparedScene = field(repr=False)
     output: Output
     routes: tuple[Route, ...]
-    rotating: tuple[RotatingReading, ...] = ()
     passing: tuple[PassingMesh, ...] = ()
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
@@ -229,7 +220,7 @@ class SensorForces:
     @property
     def rotate(self) -> bool:
         """Whether a route to a sensor varies with the angle of a carrier."""
-        return bool(self.rotating or self.passing)
+        return bool(self.carriers)
 
     def forces(self, readings: Array, *, times_s: Array) -> Array:
         """Return the forces (n, routes) in N from readings (n, readings)."""
@@ -248,9 +239,9 @@ class SensorForces:
             for carrier, (ratio, offset) in self.carriers.items()
         }
         waves = {carrier: (np.cos(angle), np.sin(angle)) for carrier, angle in angles.items()}
-        for item in self.rotating:
-            cosine, sine = waves[item.carrier]
-            sensed[:, item.route] += cosine * readings[:, item.first] + sine * readings[:, item.second]
+        for number, (cosine, sine) in enumerate(waves.values(), start=1):
+            pairs = readings[:, (2 * number - 1) * count : (2 * number + 1) * count]
+            sensed += cosine[:, None] * pairs[:, ::2] + sine[:, None] * pairs[:, 1::2]
         for passes in self.passing:
             assert self.window is not None  # noqa: S101 - planets pass by it
             cosine, sine = waves[passes.carrier]
@@ -288,7 +279,7 @@ class SensorForces:
         return loads
 
 
-def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs) -> SensorForces:
+def sensor_forces_of(stage: PreparedScene, whole: Assembly, numbers: NDArray[np.int_]) -> SensorForces:
     """Return the forces of a scene's gears at its sensors.
 
     Parameters
@@ -296,13 +287,13 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
     stage : PreparedScene
     whole : Assembly
         Assembly with all degrees of freedom.
-    excited : ExcitedDofs
-        Degrees of freedom that are integrated.
+    numbers : (dof,) int array
+        Numbers of the degrees of freedom that are integrated among all.
     """
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
-    rows = _Readings(whole, excited)
-    window, rotating, passing = pass_window(scene), [], []
+    rows = _Readings(whole, numbers)
+    window, passing = pass_window(scene), []
     every = routes_of(scene)
     of_each = [route_gains(scene, whole, route, every) for route in every]
     felt = [window is not None or any(gains.values()) for gains in of_each]
@@ -314,11 +305,9 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
         upright = np.array([0.0, 0.0, along[2]])
         rows.add({**dict.fromkeys(frames, upright), parts.frame: along}, gains, ring=ring)
     for carrier in frames:
-        for number, (along, gains, ring) in enumerate(zip(directions, weights, rings, strict=True)):
-            x, y, _ = along
-            first = rows.add({carrier: np.array([x, y, 0.0])}, gains, ring=ring)
-            second = rows.add({carrier: np.array([y, -x, 0.0])}, gains, ring=ring)
-            rotating.append(RotatingReading(route=number, first=first, second=second, carrier=carrier))
+        for (x, y, _), gains, ring in zip(directions, weights, rings, strict=True):
+            for rotating in ([x, y, 0.0], [y, -x, 0.0]):
+                rows.add({carrier: np.array(rotating)}, gains, ring=ring)
     if window is not None:
         for contact in parts.contacts:
             planet = planet_of(parts.kinematics, contact)
@@ -352,7 +341,6 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
         stage=stage,
         output=rows.output(scene.rate_hz),
         routes=routes,
-        rotating=tuple(rotating),
         passing=tuple(passing),
         window=window,
         carriers={
@@ -366,7 +354,7 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs
     )
 
 
-def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Array, Array]:
+def support_forces(whole: Assembly, numbers: NDArray[np.int_]) -> tuple[list[str], Array, Array]:
     """Return the forces of the supports of each body on the frame along x, y and z of the gearbox, as output maps.
 
     Returns
@@ -375,7 +363,7 @@ def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Ar
         Such as ``"input, x"``; forces that are always zero have no row.
     displacement, velocity : (row, dof) arrays
     """
-    names, rows, parts = [], _Readings(whole, excited), whole.parts
+    names, rows, parts = [], _Readings(whole, numbers), whole.parts
     bodies = (*parts.kinematics.joints, *parts.elastic_links)
     for body in bodies:
         if parts.frame not in parts.frames(body):
@@ -392,8 +380,8 @@ def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Ar
 class _Readings:
     """Output maps of motion and mesh forces, added one by one."""
 
-    def __init__(self, whole: Assembly, excited: ExcitedDofs) -> None:
-        self._whole, self._numbers, dofs = whole, excited.numbers, len(whole.coordinates.names)
+    def __init__(self, whole: Assembly, numbers: NDArray[np.int_]) -> None:
+        self._whole, self._numbers, dofs = whole, numbers, len(whole.coordinates.names)
         self._names = [mesh.name for mesh in whole.system.meshes]
         self._rows = list[tuple[Array, Array, Array]]()
         self._springs, self._dampers = np.zeros((2, dofs, dofs))
@@ -402,8 +390,8 @@ class _Readings:
             self._springs += spring.stiffness * between
             self._dampers += spring.damping * between
 
-    def add(self, directions: Mapping[str, Array], gains: dict[str, float], *, ring: bool) -> int:
-        """Add the forces of the supports along the directions of the frames of their bodies, and return its number.
+    def add(self, directions: Mapping[str, Array], gains: dict[str, float], *, ring: bool) -> None:
+        """Add the forces of the supports along the directions of the frames of their bodies.
 
         With `ring` also those of meshes on gears of the frame.
         """
@@ -422,7 +410,6 @@ class _Readings:
         self._rows.append(
             ((sensed @ self._springs)[self._numbers], (sensed @ self._dampers)[self._numbers], mesh_force)
         )
-        return len(self._rows) - 1
 
     def mesh(self, name: str) -> int:
         """Add the force of a mesh, and return its number."""

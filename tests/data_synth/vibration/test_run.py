@@ -19,7 +19,7 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.scene.sensors import AntiAlias, Mode, Sensor
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
-from data_synth.transfer.housing import AHEAD, PoleFilter, housing_filter
+from data_synth.transfer.housing import AHEAD, PoleFilter, housing_of
 from data_synth.vibration.run import motion_of
 from hums.records.validation import check_record
 
@@ -249,8 +249,8 @@ def test_the_way_from_force_to_channel_has_its_frequency_response(order):
         "resonance": Mode(frequency_hz=9000, damping_ratio=0.05),
     }
     sensor = Sensor(name="a", on="b", units="g", **chain)
-    mounts, path = Mode(frequency_hz=30, damping_ratio=0.2), Mode(frequency_hz=2500, damping_ratio=0.1)
-    way = housing_filter(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000, rigid_below_hz=None)
+    declared = {"housing_kg": 8, "mounts": {"frequency_hz": 30, "damping_ratio": 0.2}}
+    way = housing_of(scene(dynamics=declared, path={"frequency_hz": 2500, "damping_ratio": 0.1}), sensor)
     samples = np.arange(30_000)
     for frequency_hz, tolerance in ((40, 1e-7), (500, 1e-6), (2000, 1.2e-4), (4000, 8e-3)):
         s = 2j * np.pi * frequency_hz

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from data_synth import Scene, load_scene, simulate
-from data_synth.scene.sensors import Mode, Sensor
+from data_synth.scene.sensors import Sensor
 from data_synth.simulation import noise_free
-from data_synth.transfer.housing import PoleFilter, housing_filter
+from data_synth.transfer.housing import PoleFilter, housing_of
 
 
 def channel(name, **changes):
@@ -53,8 +53,8 @@ def test_the_pass_of_a_planet_is_no_gain_for_the_slow_force_of_run_out():
 
 def test_what_bends_a_housing_passes_it_above_its_first_mode():
     sensor = Sensor.model_validate({"name": "a", "on": "input", "units": "m s-2", "anti_alias": "none"})
-    common = {"mass_kg": 20.0, "mounts": Mode(frequency_hz=20.0, damping_ratio=0.2), "path": None, "sensor": sensor}
-    rigid, elastic = (housing_filter(**common, rate_hz=50e3, rigid_below_hz=below) for below in (None, 200.0))
+    made = load_scene("gears-in-motion").changed(path=None)  # 20 kg on mounts of 20 Hz, elastic above 200 Hz
+    rigid, elastic = (housing_of(made, sensor, elastic=each) for each in (False, True))
     frequency_hz = np.array([2.0, 200.0, 5000.0])
     ratio = elastic.response(frequency_hz) / rigid.response(frequency_hz)
     s = 1j * frequency_hz / 200
@@ -95,20 +95,13 @@ def imperfect_lines(imperfections, kind, *, directions, fidelity="dynamic", tran
 def test_an_imbalance_shakes_sensors_in_their_directions():
     directions = ([0, 1, 0], [0, 0, 1], [0, 0, -1], [0.8, 0, 0.6])  # the shafts are along x
     made, orders, lines = imperfect_lines({"imbalance": {"grade": 16, "rotor_kg": 3}}, "shaft", directions=directions)
-    declared, ratios = made.dynamics, {"input": 1, "intermediate": -23 / 67, "output": 23 / 67 * 19 / 61}
+    ratios = {"input": 1, "intermediate": -23 / 67, "output": 23 / 67 * 19 / 61}
     assert len(orders) == len(ratios)
     for ratio in ratios.values():
         (number,) = np.flatnonzero(np.isclose(orders, abs(ratio)))
         y, z, back, inclined = lines[:, number]
         turning_hz = abs(ratio) * 25
-        sensor = housing_filter(
-            mass_kg=declared.housing_kg,
-            mounts=declared.mounts,
-            path=made.path,
-            sensor=made.sensors[0],
-            rate_hz=made.rate_hz,
-            rigid_below_hz=None,
-        )
+        sensor = housing_of(made, made.sensors[0])
         newtons = 3 * 16e-3 * 2 * np.pi * turning_hz  # m e w^2, e w that of the grade
         np.testing.assert_allclose(abs(y), newtons * abs(sensor.response(turning_hz)), rtol=0.02)  # 200 Hz is far
         np.testing.assert_allclose(z / y, -1j * np.sign(ratio), atol=1e-6)  # single precision; z a quarter turn later
