@@ -170,15 +170,13 @@ def analyze_fleet(
     (1, 0)
     """
     named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
-    declared = None if isinstance(gearbox, Gearbox) else gearbox
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = (settings or AnalysisSettings(most_tracks=0)).model_copy(update={"pictures": False})  # it draws none
     work = read_maintenance(maintenance) if maintenance is not None else ()
     folder = Path(os.path.realpath(folder))
     outputs = [folder / name for name in (*FILES, _INDICATORS, _LIST, _TASK)]
     found = _sources(sources, written=outputs)
-    hand_written = [path for path in (declared, maintenance) if path is not None]
-    check_outputs(outputs, inputs=[*(source.file for source in found), *hand_written], force=force)
+    check_outputs(outputs, inputs=[*(source.file for source in found), named, maintenance or named], force=force)
     task = {
         "gearbox": gearbox.model_dump_json(exclude_none=True),
         "settings": settings.model_dump_json(),
@@ -245,14 +243,12 @@ def _tables(
 def _check_task(path: Path, task: dict[str, str]) -> None:
     """Write gearbox, settings and version into the folder; raise FleetError if it holds different ones."""
     there = own_json(path)
-    differing = [name for name in task if there.get(name) != task[name]]
-    if not there:
-        write_text(path, json.dumps(task, indent=1))
-    elif differing:
+    if differing := [name for name in task if there and there.get(name) != task[name]]:
         raise FleetError(
             f"{path.parent} holds records analysed with another {' and another '.join(differing)}; mixing is refused. "
             "Name another folder."
         )
+    write_text(path, json.dumps(task, indent=1))
 
 
 # ---- the records -------------------------------------------------------------------------------------------

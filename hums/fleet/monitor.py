@@ -34,7 +34,7 @@ from signals.monitoring.limits import MachineLimits, machine_limits
 
 Array = NDArray[np.float64]
 Driver = tuple[str, str, float, float]
-RISES, FALLS, _HEALTH = "level rises", "level falls suddenly", ": health"
+RISES, FALLS, _HEALTH, LEARNING = "level rises", "level falls suddenly", ": health", "learning"
 MOST_LEVERAGE = 1.0
 """Variance of the prediction over that of the series above which a record is not judged: the regression would add as
 much scatter as the record itself has (our choice)."""
@@ -104,11 +104,10 @@ class Epoch:
 
     def outside(self, seen: Observation) -> str:
         """Return the covariate of a record outside the range of the baseline, or an empty string."""
-        for name, low, high in zip(self.covariates, self.low, self.high, strict=True):
-            value = seen.covariates.get(name, math.nan)
+        at = np.array([seen.covariates.get(name, math.nan) for name in self.covariates])
+        for name, value, low, high in zip(self.covariates, at, self.low, self.high, strict=True):
             if not low <= value <= high:
                 return f"{name} = {value:.4g} outside {low:.4g} to {high:.4g}"
-        at = np.array([seen.covariates[name] for name in self.covariates])
         if self.learned[0].series.leverage(_logarithms(at)) > MOST_LEVERAGE:
             return f"{', '.join(self.covariates)} too far from those of the baseline to predict normal values"
         return ""
@@ -196,10 +195,6 @@ class MachineState:
         """Rows in ``alarms.csv`` of the alarms that are raised or acknowledged, by component."""
         return {name: alarm.row for name, alarm in self.alarms.items() if alarm.state in (RAISED, ACKNOWLEDGED)}
 
-    def cause_of(self, name: str) -> str:
-        """Return the component whose standing alarm explains a component's rise, or an empty string."""
-        return next((cause for cause, row in self.standing.items() if name in row["consequences"].split("; ")), "")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
@@ -254,7 +249,7 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
         return Judgement(judged=False, why=nothing_new)
     _do(state, seen, work)
     if seen.unjudged:
-        return _refused(state, seen, seen.unjudged, _raised(state, seen, _of_sensors(state, seen)))
+        return _unjudged(state, seen, seen.unjudged, _of_sensors(state, seen))
     stratum = _stratum(state, seen)
     outside = "" if stratum else f"regime {seen.regime!r} is not in the baseline"
     readings = {}
@@ -267,10 +262,7 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
         readings[governed] = epoch.judge(seen)
     shown = _of_sensors(state, seen) | _of_verdicts(state, stratum or state.epochs, seen, readings)
     if not readings:
-        alarms = _raised(state, seen, shown)
-        if outside:
-            return _refused(state, seen, outside, alarms)
-        return Judgement(judged=False, why="learning", alarms=alarms)
+        return _unjudged(state, seen, outside or LEARNING, shown)
     state.judged += 1
     state.regime, state.unwatched_since = seen.regime, ""
     found = Judgement(judged=True)
@@ -323,12 +315,6 @@ def _learns(state: MachineState, epoch: Epoch, seen: Observation) -> bool:
     return False
 
 
-def _refused(state: MachineState, seen: Observation, why: str, alarms: tuple[dict[str, Any], ...]) -> Judgement:
-    state.refused += 1
-    state.unwatched_since = state.unwatched_since or seen.when
-    return Judgement(judged=False, why=why, alarms=alarms)
-
-
 # ---- what a record shows of each component, and the alarms -----------------------------------------------------------
 
 
@@ -347,6 +333,14 @@ class _Shown(NamedTuple):
     begins: bool = True
     named: bool = True
     bursts: bool = False
+
+
+def _unjudged(state: MachineState, seen: Observation, why: str, shown: Mapping[str, _Shown]) -> Judgement:
+    """Return the judgement of a record that no baseline judges; count it as refused unless one is being learned."""
+    if why != LEARNING:
+        state.refused += 1
+        state.unwatched_since = state.unwatched_since or seen.when
+    return Judgement(judged=False, why=why, alarms=_raised(state, seen, shown))
 
 
 def _of_sensors(state: MachineState, seen: Observation) -> dict[str, _Shown]:

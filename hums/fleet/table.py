@@ -5,7 +5,6 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, fields
-from functools import partial
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
@@ -31,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 VERDICTS = ("none", "indicated", "diagnosed", "not judged")
-_FACTS = ("record", "machine", "recorded_at", "error")
+_FACTS = ("record", "machine", "recorded_at", "error", "regime", "parts_not_judged")
 FEWEST_SHOWN = 2  # values of which a change is shown
 _RECENT_POINTS = 300  # of a forecast: what lies before says little about the slope now
 Key = tuple[Any, ...]
@@ -58,8 +57,7 @@ def write_tables(
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
     _write_indicators(table, folder / "indicators.parquet")
-    untested_last = partial(np.nan_to_num, nan=2.0)
-    rows = sorted(_trends(table, limits or {}), key=lambda row: untested_last(row["adjusted_p"]))
+    rows = sorted(_trends(table, limits or {}), key=lambda row: float(np.nan_to_num(row["adjusted_p"], nan=2.0)))
     write_rows(folder / "trends.csv", _TREND_COLUMNS, rows)
     return "" if any(row["adjusted_p"] >= 0 for row in rows) else NO_TRENDS
 
@@ -99,9 +97,7 @@ def _table(records: Sequence[StoredRecord], health: Mapping[str, Mapping[str, An
     return xr.Dataset(
         {
             "class": ("record", np.array([one.label for one in records], dtype=np.str_)),
-            "regime": ("record", np.array([one.regime for one in records], dtype=np.str_)),
             "not_judged": ("record", np.array([one["why"] for one in judged], dtype=np.str_)),
-            "parts_not_judged": ("record", np.array([one.parts_not_judged for one in records], dtype=np.str_)),
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
             "amplitude": (("record", "line"), amplitude, {"long_name": "peak amplitude"}),
@@ -158,9 +154,9 @@ def _titles(table: xr.Dataset, dim: str) -> list[str]:
 
 def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     lines, health = _titles(table, "line"), table["health"].to_numpy()
-    columns: dict[str, Iterable[str]] = {name: map(plain_cell, table[name].to_numpy()) for name in (*_FACTS, "class")}
+    words = (*_FACTS, "class", "not_judged")
+    columns: dict[str, Iterable[str]] = {name: map(plain_cell, table[name].to_numpy()) for name in words}
     columns["speed_hz"] = map(_number, table["speed_hz"].to_numpy())
-    columns |= {name: map(plain_cell, table[name].to_numpy()) for name in ("parts_not_judged", "not_judged")}
     columns["condition_index"] = map(_number, np.fmax.reduce(health, axis=1, initial=np.nan))
     for name, index in zip(table["watched"].to_numpy(), health.T, strict=True):
         columns[f"health: {name}"] = map(_number, index)
@@ -179,8 +175,8 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
         stream.write(line.getvalue() + (form % tuple(values.tolist())).replace("nan", "") + "\n")
 
 
-def _number(value: float, digits: int = 7) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}g}"
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.7g}"
 
 
 # ---- indicators ---------------------------------------------------------------------------------------------
@@ -216,13 +212,11 @@ _FORECAST = ("days_until_limit", "days_low", "days_high", "no_forecast")
 _TREND_COLUMNS = ("machine", "regime", "series", "units", *(one.name for one in fields(Slopes)), *_FORECAST)
 
 
-def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
     """Write rows as CSV, numbers with six digits; NaN, and a column that a row lacks, are empty."""
-    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({name: _number(x, 6) if isinstance(x, float) else plain_cell(x) for name, x in row.items()})
+    table = pd.DataFrame(rows, columns=list(columns)).map(plain_cell)
+    with atomic_write(path) as part:
+        table.to_csv(part, index=False, float_format="%.6g", lineterminator="\n")
 
 
 def _trends(table: xr.Dataset, limits: Mapping[tuple[str, str], float]) -> Iterator[dict[str, Any]]:

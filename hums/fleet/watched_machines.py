@@ -92,14 +92,11 @@ def watch_machines(
     work : sequence of Work
         Maintenance.
     """
-    machines: dict[str, list[StoredRecord]] = {}
-    for one in records:
-        machines.setdefault(one.machine, []).append(one)
-    found = [MachineHistory(state=MachineState(machine=machine, settings=settings)) for machine in sorted(machines)]
-    for history in found:
-        seen = machines[history.state.machine]
-        history.follow(sorted(seen, key=lambda one: order_key(one.recorded_at, one.record)), work)
-    return found
+    names = sorted({one.machine for one in records})
+    found = {name: MachineHistory(state=MachineState(machine=name, settings=settings)) for name in names}
+    for one in sorted(records, key=lambda one: order_key(one.recorded_at, one.record)):
+        found[one.machine].follow([one], work)
+    return list(found.values())
 
 
 # ---- tables ----------------------------------------------------------------------------------------------------------
@@ -125,7 +122,8 @@ def component_row(history: MachineHistory, name: str) -> dict[str, Any]:
     epoch = state.epochs[state.epoch_of(name.partition(": ")[0])]
     last = history.last if history.last and epoch.identity else Judgement(judged=False)
     waiting = history.waiting or ("" if epoch.identity else "learning")
-    life = f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state
+    causes = (cause for cause, row in state.standing.items() if name in row["consequences"].split("; "))
+    life = next((f"follows from {cause}" for cause in causes), alarm.state)
     channel, indicator, departure, times_normal = last.drivers.get(name, ("", "", math.nan, math.nan))
     seen = state.judged + state.refused
     return {

@@ -69,9 +69,8 @@ class MachineLimits:
     every_records: float
 
     def index(self, state: ChartState) -> Array:
-        """Return the condition index (..., scores): the largest EWMA over its limit; 0 is normal, 1 the limit."""
-        limits = self.limits.reshape(len(self.limits), *[1] * (state.rising.ndim - 1), -1)
-        return np.asarray(np.maximum((state.values[:-1] / limits).max(axis=0), 0.0))
+        """Return the condition index (scores,): the largest EWMA over its limit; 0 is normal, 1 the limit."""
+        return np.asarray(np.maximum((state.values[:-1] / self.limits).max(axis=0), 0.0))
 
     def widened(self, baseline: Array) -> "MachineLimits":
         """Return the limits after alarms in the scores (records, scores) of the baseline itself.

@@ -20,10 +20,10 @@ def test_healthy_machines_raise_fewer_alarms_than_stated(group):
     scores = rng.standard_normal((baseline + records, machines))
     learned = scores[:baseline]
     scale = np.sqrt(((baseline - 1) * learned.var(axis=0, ddof=1) + 10) / (baseline - 1 + 10))
-    state, index = ChartState.start((machines, 1)), np.empty((records, machines))
+    state, index = ChartState.start((machines,)), np.empty((records, machines))
     for number, score in enumerate((scores[baseline:] - learned.mean(axis=0)) / scale):
-        state = state.step(score[:, None], allowance=limits.allowance)
-        index[number] = limits.index(state)[:, 0]
+        state = state.step(score, allowance=limits.allowance)
+        index[number] = limits.index(state)
     alarmed = (np.sort(np.stack([index[2:], index[1:-1], index[:-2]]), axis=0)[1] >= 1).any(axis=0)
     assert 0 < alarmed.mean() < 300 / 1000
 
