@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hums.readers.columns import ForeignFile, Stated, canonical_units, located, parsing
+from hums.readers.columns import ForeignFile, Stated, located, parsing
 from hums.readers.time_axis import Import, seconds_of
-from hums.records.fields import RecordError, RecordWarning, utc_text
-from hums.records.quantities import Measured, quantity_units
+from hums.records.fields import CANONICAL_UNITS, RecordError, RecordWarning, utc_text
+from hums.records.quantities import SPELLINGS, Measured, quantity_units
 from hums.records.record import Angle, Channel, NominalSpeed, PulseTimes, TachometerWaveform, UnknownAngle, make_record
 from hums.records.store import existing_file
 from signals._validation import checked
@@ -202,7 +202,7 @@ def _channel(source: Import, name: str) -> Channel:
         units=_units(source, name),
         delay_s=stated.delay_s,
     )
-    volts = {"V": 1.0, "mV": 1e-3}.get(canonical_units(channel.units) or "")
+    volts = {"V": 1.0, "mV": 1e-3}.get(CANONICAL_UNITS.get(channel.units, ""))
     if stated.sensitivity is None or volts is None or scale != 1:
         return channel
     return replace(channel, sensitivity=stated.sensitivity / volts, measures=stated.measures)
@@ -268,16 +268,9 @@ def _agreed_units(
     return declared or stated or ""
 
 
-def _quantity(units: str) -> tuple[str, float] | None:
-    try:
-        return quantity_units(units, "")
-    except RecordError:
-        return None
-
-
 def _steady_speed_hz(source: Import, name: str, units: str) -> float:
     """Return the mean of a measured speed in rev/s; refuse a speed that is not constant."""
-    file, units = source.file, _agreed_units(source, name, units, _quantity)
+    file, units = source.file, _agreed_units(source, name, units, SPELLINGS.get)
     unit, factor = quantity_units(units, f'speed "{name}" (speed_units)')
     values = np.asarray(file.vector(name), dtype=np.float64) * factor
     values = np.abs(values[np.isfinite(values)])
@@ -302,7 +295,7 @@ def _measured(source: Import) -> dict[str, Measured]:
     count = file.vector(channel).size
     for name, declared in spec.measured.items():
         values = np.asarray(file.vector(name), dtype=np.float64)
-        unit = _agreed_units(source, name, declared, _quantity)
+        unit = _agreed_units(source, name, declared, SPELLINGS.get)
         if spec.average or values.size == 1:
             if not np.isfinite(values).any():
                 raise RecordError(f'{file.path.name}: "{name}" holds no number; remove it from measured.')
@@ -325,7 +318,7 @@ def _units(source: Import, name: str) -> str:
     scale, declared, stated = source.spec.scale_of(name), source.spec.units_of(name), source.file.metadata(name).units
     if scale == 1:
         remedy = f'Give the factor from "{stated}" to "{declared}", scale=..., or omit the units. '
-        return _agreed_units(source, name, declared, canonical_units, remedy)
+        return _agreed_units(source, name, declared, CANONICAL_UNITS.get, remedy)
     if stated is not None and declared is None:
         raise RecordError(
             f'{source.file.path.name} states "{stated}" for "{name}", which no longer holds after scale={scale:g}: '

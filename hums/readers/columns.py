@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.records.clock import TIMES_S, time_scale, words_of
-from hums.records.fields import UNITS, RecordError, is_utf8
+from hums.records.fields import CANONICAL_UNITS, RecordError, is_utf8
 from signals._validation import brief, nearest, plain_text
 
 Field = NDArray[np.generic] | str
@@ -218,9 +218,12 @@ class ForeignFile:
         return f"It holds {_listed(arrays) or 'no array of numbers'}.{rest}"
 
 
-def canonical_units(units: str) -> str | None:
-    """Return units as spelled in `UNITS`; None if unknown."""
-    return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
+def phrase_of(dtype: np.dtype[Any], size: int) -> str:
+    """Return a description of an array that holds no numbers, an empty one for others."""
+    if not size or dtype.names:
+        return "a table with named columns" if size else "empty"
+    words = {"O": "text", "S": "text", "U": "text", "M": "times of day", "c": "complex numbers"}
+    return "" if dtype.kind in "biuf" else words.get(dtype.kind, f"of type {dtype}")
 
 
 def rate_of_step(step_s: object) -> float | None:
@@ -339,7 +342,7 @@ def stated_of(attributes: Mapping[str, object]) -> Stated:
     measures, sensitivity = found.pop("measures", ""), found.pop("sensitivity", None)
     output, _, measured = (part.strip() for part in measures.partition("/"))
     volts = {"V": 1.0, "mV": 1e-3}
-    if sensitivity is not None and canonical_units(measured) and output in volts:
+    if sensitivity is not None and measured in CANONICAL_UNITS and output in volts:
         found |= {"sensitivity": sensitivity * volts[output], "measures": measured}
     elif sensitivity is not None:
         unread.append(f"sensitivity={sensitivity:g} {measures}".strip())

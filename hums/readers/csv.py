@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.readers.columns import Field, ForeignFile, Stated, canonical_units, stated_of
+from hums.readers.columns import Field, ForeignFile, Stated, stated_of
 from hums.readers.description import ImportDescription
 from hums.records.clock import is_time_name, time_scale
-from hums.records.fields import RecordError
-from hums.records.quantities import MEASURED_UNITS
+from hums.records.fields import CANONICAL_UNITS, RecordError
+from hums.records.quantities import SPELLINGS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,11 +123,8 @@ def _name_and_units(title: str) -> tuple[str, str | None]:
         return title, None
     name, square, round_ = found.groups()
     units = (square or round_).strip()
-    known = units != "1" and (canonical_units(units) is not None or units in _QUANTITY_UNITS)
+    known = units != "1" and (units in CANONICAL_UNITS or units in SPELLINGS)
     return (name, units) if known and (square or len(units) > 1 or units == "g") else (title, None)
-
-
-_QUANTITY_UNITS = {spelling for spellings in MEASURED_UNITS.values() for spelling in spellings}
 
 
 def encoding_of(path: Path) -> str:
@@ -206,7 +203,7 @@ def _above_numbers(lines: list[str], separator: str | None, header_lines: int | 
 
 
 def _is_unit(text: str) -> bool:
-    return not text or canonical_units(text) is not None or text in _QUANTITY_UNITS or time_scale(text) is not None
+    return not text or text in CANONICAL_UNITS or text in SPELLINGS or time_scale(text) is not None
 
 
 def _are_numbers(rows: list[list[str]]) -> bool:

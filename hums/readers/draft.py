@@ -3,11 +3,11 @@
 import math
 from pathlib import Path
 
-from hums.readers.columns import ForeignFile, Stated, canonical_units, descriptions, located
+from hums.readers.columns import ForeignFile, Stated, descriptions, located
 from hums.readers.description import ImportDescription
 from hums.readers.time_axis import Import, is_time
-from hums.records.fields import UNITS, RecordError, utc_text
-from hums.records.quantities import MEASURED_UNITS
+from hums.records.fields import CANONICAL_UNITS, UNITS, RecordError, utc_text
+from hums.records.quantities import SPELLINGS
 
 
 def draft(file: ForeignFile) -> str:
@@ -37,9 +37,8 @@ def draft(file: ForeignFile) -> str:
     units = {name: one.units or "" for name, one in stated.items()}
     full = {name: unit for name, unit in units.items() if rows[name] == longest}
     own = [name for name, one in stated.items() if one.rate_hz is not None or one.times_s is not None]
-    known = {name: unit for name, unit in full.items() if canonical_units(unit)}
-    quantities = {spelling for spellings in MEASURED_UNITS.values() for spelling in spellings}
-    measured = {name: units[name] for name in (*full, *own) if units.get(name) in quantities and name not in known}
+    known = {name: unit for name, unit in full.items() if unit in CANONICAL_UNITS}
+    measured = {name: units[name] for name in (*full, *own) if units.get(name) in SPELLINGS and name not in known}
     unknown = {name: unit for name, unit in full.items() if name not in {**known, **measured}}
     channels = [*known, *unknown]
     rate_hz, recorded_at, no_rate = None, "", ""

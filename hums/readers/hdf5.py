@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, dotted, stated_of
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, dotted, phrase_of, stated_of
 from hums.readers.description import ImportDescription
 from hums.records._netcdf import objects, refuse_size
 from hums.records.fields import SCHEMA, RecordError
@@ -34,7 +34,8 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
             raise RecordError(f"{path} is already a record: open it with open_record, or hums analyze.")
         items = {"": contents} | dict(objects(contents))
         found = {dotted(where): where for where, item in items.items() if where and is_array(item)}
-        described = {name: _described(contents[where]) for name, where in found.items()}
+        arrays = {name: items[where] for name, where in found.items()}
+        described = {name: phrase_of(one.dtype, one.size or 0) or one.shape or (1,) for name, one in arrays.items()}
         attributes = {dotted(where): _plain(item.attrs) for where, item in items.items()}
 
     def values(name: str) -> NDArray[np.generic]:
@@ -51,9 +52,8 @@ def _read_netcdf3(path: Path, most_bytes: int | None) -> ForeignFile:
         attributes = {str(name): _plain(one.attrs) for name, one in contents.variables.items()}
         fields = dict[str, Field]()
         for name, one in contents.variables.items():
-            phrase = _described(one)
             values = np.atleast_1d(one.to_numpy())
-            fields[str(name)] = phrase if isinstance(phrase, str) else _unpacked(values, attributes[str(name)])
+            fields[str(name)] = phrase_of(one.dtype, one.size) or _unpacked(values, attributes[str(name)])
         attributes[""] = _plain(contents.attrs)
     return ForeignFile(path=path, fields=fields, stated={name: stated_of(own) for name, own in attributes.items()})
 
@@ -81,13 +81,3 @@ def _plain(attributes: Any) -> dict[str, Any]:  # noqa: ANN401
             continue
         plain[str(key)] = value.reshape(-1)[0] if isinstance(value, np.ndarray) and value.size == 1 else value
     return plain
-
-
-def _described(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401
-    if item.shape is None or item.size == 0:
-        return "empty"
-    if item.dtype.names:
-        return "a table with named columns"
-    if item.dtype.kind not in "biuf":
-        return {"O": "text", "S": "text", "c": "complex numbers"}.get(item.dtype.kind, f"of type {item.dtype}")
-    return tuple(item.shape) or (1,)

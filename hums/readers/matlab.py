@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, descriptions, dotted, stated_of
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, descriptions, dotted, phrase_of, stated_of
 from hums.readers.description import ImportDescription
 from hums.records._netcdf import objects, refuse_size
 from hums.records.store import is_array, is_hdf5, open_hdf5, read_array
@@ -104,10 +104,9 @@ def _classic_leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:  # noqa
 def _classic_field(value: Any) -> Field:  # noqa: ANN401
     if not isinstance(value, np.ndarray):
         return "a sparse matrix" if hasattr(value, "tocsc") else "an object"
-    if value.dtype.names:
-        return "a struct array"
-    other = {"O": "a cell array", "U": "text", "S": "text", "c": "complex numbers"}
-    return other.get(value.dtype.kind, "empty" if value.size == 0 else value)
+    if value.dtype.kind in "OV":
+        return "a struct array" if value.dtype.names else "a cell array"
+    return phrase_of(value.dtype, value.size) or value
 
 
 def _classic_value(value: Any) -> Any:  # noqa: ANN401

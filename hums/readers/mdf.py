@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hums.readers.columns import Field, ForeignFile, Stated
+from hums.readers.columns import Field, ForeignFile, Stated, phrase_of
 from hums.readers.description import ImportDescription
 
 
@@ -24,10 +24,7 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
     for signal in signals:
         title = signal.name.replace("/", ".")
         name = title if counts[signal.name] == 1 else f"{signal.group_index + 1}.{title}"
-        kind = signal.samples.dtype.kind
-        fields[name] = (
-            signal.samples if kind in "biuf" and signal.samples.size else "empty" if kind in "biuf" else "text"
-        )
+        fields[name] = phrase_of(signal.samples.dtype, signal.samples.size) or signal.samples
         over_time = (signal.master_metadata or ("time", 1))[1] == 1  # other masters are angles, distances and indices
         times_s = np.asarray(signal.timestamps, dtype=np.float64) if over_time else None
         stated[name] = Stated(units=signal.unit or None, times_s=times_s, epoch=epoch)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, parsing, stated_of
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, parsing, phrase_of, stated_of
 from hums.readers.description import ImportDescription
 from hums.records._netcdf import refuse_size
 
@@ -38,12 +38,7 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
 def _columns(array: NDArray[Any]) -> dict[str, Field]:
     if array.ndim == 2:  # noqa: PLR2004 - a table
         return {f"column {number}": column for number, column in enumerate(array.T, start=1)}
-    return {"column 1": _phrase(array.dtype, array.size) or array}
-
-
-def _phrase(dtype: np.dtype[Any], size: int) -> str:
-    """Return a description of an array that is not numeric, "" for one that is."""
-    return "empty" if not size else "" if dtype.kind in "iuf" else f"of type {dtype}"
+    return {"column 1": phrase_of(array.dtype, array.size) or array}
 
 
 def _described(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], int, str]:
@@ -51,7 +46,7 @@ def _described(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], in
     with archive.open(name) as stream:
         shape, dtype = _header(stream)
     size = int(np.prod(shape, dtype=object))  # a damaged shape may exceed 64 bits
-    return shape or (1,), size * dtype.itemsize, _phrase(dtype, size)
+    return shape or (1,), size * dtype.itemsize, phrase_of(dtype, size)
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

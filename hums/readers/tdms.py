@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hums.readers.columns import Field, ForeignFile, Stated, joined, stated_of
+from hums.readers.columns import Field, ForeignFile, Stated, joined, phrase_of, stated_of
 from hums.readers.description import ImportDescription
 from hums.records.fields import RecordError
 
@@ -26,11 +26,11 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
 
     contents = nptdms.TdmsFile.read(path)
     channels = [channel for group in contents.groups() for channel in group.channels()]
-    found = [(_name(channel), channel[:], channel) for channel in channels]
+    found = [(_name(channel), np.asarray(channel[:]), channel) for channel in channels]
     pieces = _pieces(path)
     if contents.file_status.incomplete_final_segment or not channels:
         raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from its source.")
-    fields = {name: _field(values) for name, values, _ in found}
+    fields: dict[str, Field] = {name: phrase_of(one.dtype, one.size) or one for name, one, _ in found}
     if len(fields) < len(found):
         raise RecordError(f"{path}: two channels have the same name once slashes become dots; rename one of them.")
     stated = {name: _stated(channel, pieces.get(channel.path, [])) for name, _, channel in found}
@@ -69,14 +69,6 @@ def _pieces(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
 
 def _name(channel: Any) -> str:  # noqa: ANN401
     return f"{channel.group_name}.{channel.name}".replace("/", ".").strip()
-
-
-def _field(values: Any) -> Field:  # noqa: ANN401
-    array = np.asarray(values)
-    if array.size == 0:
-        return "empty"
-    phrases = {"O": "text", "U": "text", "S": "text", "M": "times of day", "c": "complex numbers"}
-    return phrases.get(array.dtype.kind, array)
 
 
 def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  # noqa: ANN401

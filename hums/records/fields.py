@@ -36,7 +36,7 @@ UNITS: Mapping[str, tuple[str, ...]] = {
 }
 """Units of channels, each with the other spellings that are accepted for it."""
 
-_CANONICAL = {spelling: units for units, aliases in UNITS.items() for spelling in (units, *aliases)}
+CANONICAL_UNITS = {spelling: units for units, aliases in UNITS.items() for spelling in (units, *aliases)}
 
 ANGLE_REMEDY = (
     "Give exactly one of: pulse times, angle=PulseTimes(times_s=..., shaft=..., pulses_per_rev=...), on the "
@@ -127,9 +127,9 @@ def known_units(units: object, what: str) -> str:
             f'{what}: no units. Declare them, Channel(values=..., units="g") or make_record(..., units="g"), '
             f"on the command line --units g. Units are one of {valid}."
         )
-    if not isinstance(units, str) or units.strip() not in _CANONICAL:
+    if not isinstance(units, str) or units.strip() not in CANONICAL_UNITS:
         raise RecordError(f"{what}: units={units!r} are not known. Units are one of {valid}.")
-    return _CANONICAL[units.strip()]
+    return CANONICAL_UNITS[units.strip()]
 
 
 def direction_of(direction: Sequence[float] | str, what: str) -> str | list[float]:

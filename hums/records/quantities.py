@@ -36,6 +36,8 @@ MEASURED_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 """Units of measured quantities as stored in a record, each with the accepted spellings and their factors."""
+SPELLINGS = {spelling: (name, float(factor)) for name, of in MEASURED_UNITS.items() for spelling, factor in of.items()}
+"""The unit as stored, and the factor to it, by spelling."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,10 +121,9 @@ class AngularAverage:
 
 def quantity_units(units: object, what: str) -> tuple[str, float]:
     """Return the unit of a measured quantity as stored in a record, and the factor to it."""
-    for name, spellings in MEASURED_UNITS.items():
-        if isinstance(units, str) and units.strip() in spellings:
-            return name, float(spellings[units.strip()])
-    known = ", ".join(f'"{spelling}"' for spellings in MEASURED_UNITS.values() for spelling in spellings)
+    if isinstance(units, str) and units.strip() in SPELLINGS:
+        return SPELLINGS[units.strip()]
+    known = ", ".join(f'"{spelling}"' for spelling in SPELLINGS)
     raise RecordError(f"{what}: units={units!r} are not known. Units of measured quantities are one of {known}.")
 
 
