@@ -27,7 +27,7 @@ from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate, simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import INDEX, LABELS, SHARD, open_dataset, write_index
-from hums.records.outputs import SEALS, atomic_write, check_outputs, remove_partial_files, write_text
+from hums.records.outputs import SEALS, atomic_write, check_outputs, make_folder, remove_partial_files, write_text
 from hums.records.store import write_shard
 from signals._validation import checked
 
@@ -273,7 +273,7 @@ def _begin_folder(folder: Path, plan: Plan, *, force: bool) -> None:
     if mark.is_file():
         _require_same_plan(folder, mark.read_text(encoding="utf-8"), own)
         return
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     if not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
         raise PlanError(
             f"{folder} holds files that do not belong to a dataset; name a new folder, or use --force (force=True)."

@@ -19,7 +19,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import xarray as xr
 
 from hums.jobs import Job, Serial, Workers, locked, run_jobs
@@ -27,6 +26,7 @@ from hums.readers import SUFFIXES
 from hums.readers.columns import in_zone
 from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
 from hums.readers.process import ReaderProcess
+from hums.records.channels import layout_of, other_layout
 from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
 from hums.records.fields import RecordError, natural_key, plain_cell, utc_text
 from hums.records.outputs import atomic_write, check_outputs, make_folder, own_json, remove_partial_files, write_text
@@ -260,7 +260,7 @@ def convert_files(
         readable = (
             record for file in sources for _, record in _converted([[str(file.path), file.recorded_at]], task, [])
         )
-        layout = next(map(_layout, readable), None) if form == "packed" else None
+        layout = next(map(layout_of, readable), None) if form == "packed" else None
         jobs = [
             _job(files, number, form, task, layout, force=force)
             for number, files in enumerate(_pieces(sources, spec.snapshots))
@@ -443,33 +443,15 @@ def _converted(
         except (ValueError, OSError) as error:
             refused.append((path, str(error)))
         else:
-            for variable in loaded.variables.values():
-                for level in ("threshold", "hysteresis"):  # differ between waveforms, while attributes must agree
-                    variable.attrs.pop(level, None)
             yield path, loaded
-
-
-def _layout(record: xr.Dataset) -> Any:  # noqa: ANN401
-    """Return names, lengths (except of pulse times) and attributes of the variables of a record, as JSON types."""
-    found = {
-        str(name): [
-            [-1 if str(dim).startswith("pulse_") else size for dim, size in variable.sizes.items()],
-            dict(variable.attrs),
-        ]
-        for name, variable in record.data_vars.items()
-    }
-    return json.loads(json.dumps(found, default=lambda value: np.asarray(value).tolist()))
 
 
 def _fits(record: xr.Dataset, layout: Any, path: str, refused: list[tuple[str, str]]) -> bool:  # noqa: ANN401
     """Return whether a record has the layout of the dataset; add it to `refused` otherwise."""
-    own = _layout(record)
-    if layout is None or own == layout:
-        return True
-    name = next(name for name in (*layout, *own) if own.get(name) != layout.get(name))
-    here, there = (f"{one[name][0]} {one[name][1]}" if name in one else "nothing" for one in (own, layout))
-    refused.append((path, f'"{name}" is {here}, but {there} in the first file; write a record per file (--files).'))
-    return False
+    if layout is not None and (differs := other_layout(layout_of(record), layout)):
+        refused.append((path, f"{differs} file; write a record per file (--files)."))
+        return False
+    return True
 
 
 def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[list[str], xr.Dataset]]) -> list[str]:

@@ -4,7 +4,8 @@ The last dimension of a sampled variable is its axis: ``time``, ``time_NAME`` at
 synchronous average. In a record of snapshots it is preceded by the dimension ``snapshot``.
 """
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -117,6 +118,42 @@ def sampling(record: xr.Dataset, channel: str) -> Sampling:
             "open_record; to reduce the rate, filter first and build a new record, as a stride aliases."
         )
     return Sampling(start_s=float(index.start), rate_hz=rate, count=count)
+
+
+def layout_of(record: xr.Dataset) -> dict[str, Any]:
+    """Return lengths and attributes of the variables of a record, but ground truth, as JSON types.
+
+    What depends on the pulses of a tachometer is left out: their number, and the levels at which they were found.
+    """
+    found = dict[str, Any]()
+    for name, one in record.variables.items():
+        if (kind := kind_of(str(name), one)) not in {None, "truth"}:
+            lengths = one.shape[: -1 if kind == "tachometer" else None]
+            found[str(name)] = {"lengths": lengths, **_shared_attrs(one)}
+    return dict(json.loads(json.dumps(found, default=lambda value: np.asarray(value).tolist())))
+
+
+def _shared_attrs(variable: xr.Variable) -> dict[str, Any]:
+    return {str(key): value for key, value in variable.attrs.items() if key not in {"threshold", "hysteresis"}}
+
+
+def other_layout(own: Mapping[str, Any], first: Mapping[str, Any]) -> str:
+    """Return in words what differs between a layout and that of the first record, nothing if they are equal."""
+    for name in (*first, *own):
+        if own.get(name) != first.get(name):
+            return f'"{name}" is {own.get(name, "missing")}, but {first.get(name, "missing")} in the first'
+    return ""
+
+
+def stacked(parts: Sequence[xr.Variable], dim: str, dtype: str | None = None) -> xr.Variable:
+    """Return variables of one layout stacked along a new first dimension, shorter ones padded with NaN."""
+    first, values = parts[0], [part.to_numpy() for part in parts]
+    longest = np.max([one.shape for one in values], axis=0).astype(np.int64)
+    stack = np.full((len(parts), *longest), np.nan, dtype=first.dtype if dtype is None else dtype)
+    for number, one in enumerate(values):
+        where: tuple[Any, ...] = (number, *map(slice, one.shape))
+        stack[where] = one
+    return xr.Variable((dim, *first.dims), stack, _shared_attrs(first))
 
 
 def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:

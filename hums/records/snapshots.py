@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from hums.records.channels import SNAPSHOT, attach_time, detach_time, kind_of
+from hums.records.channels import SNAPSHOT, attach_time, detach_time, kind_of, layout_of, other_layout, stacked
 from hums.records.fields import RecordError
 from hums.records.validation import check_record
 from signals._validation import brief, checked
@@ -61,11 +61,13 @@ def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
             raise RecordError("a snapshot must be a record of one time segment, not of snapshots and not an average.")
     first = detach_time(records[0])
     plain = [_starting_at(detach_time(record), first.attrs["start_s"]) for record in records]
-    for number, record in enumerate(plain[1:], start=1):
-        _refuse_other_layout(first, record, number)
-    variables = {
-        str(name): _joined([record.variables[name] for record in plain], str(name)) for name in first.data_vars
-    }
+    layout = layout_of(first) | _common_attrs(first)
+    for number, record in enumerate(plain):
+        if differs := other_layout(layout_of(record) | _common_attrs(record), layout):
+            raise RecordError(
+                f"snapshot {number}: {differs}; snapshots must have the same channels, lengths and attributes."
+            )
+    variables = {name: stacked([record.variables[name] for record in plain], SNAPSHOT) for name in first.data_vars}
     joined = attach_time(xr.Dataset(variables, attrs=first.attrs))
     when = [record.attrs["recorded_at"] for record in plain]
     if all(when):
@@ -146,35 +148,6 @@ def _starting_at(record: xr.Dataset, start_s: float) -> xr.Dataset:
     return moved
 
 
-_OWN = ("recorded_at", "source", "notes")  # attributes in which snapshots differ
-
-
-def _refuse_other_layout(first: xr.Dataset, record: xr.Dataset, number: int) -> None:
-    """Refuse a record with other channels, lengths or attributes than the first."""
-    here, there = _layout(record), _layout(first)
-    for name in (*there, *here):
-        if repr(here.get(name)) != repr(there.get(name)):
-            raise RecordError(
-                f'snapshot {number}: "{name}" is {here.get(name, "missing")}, in the first '
-                f"{there.get(name, 'missing')}; snapshots must have the same channels, lengths and attributes."
-            )
-
-
-def _layout(record: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes in which snapshots must agree, and dimensions, shape and attributes of each variable."""
-    found: dict[str, Any] = {str(key): value for key, value in record.attrs.items() if key not in _OWN}
-    for name, one in record.variables.items():
-        shape = "pulses" if kind_of(str(name), one) == "tachometer" else one.shape
-        attrs = {key: one.attrs[key] for key in sorted(one.attrs) if key not in {"threshold", "hysteresis"}}
-        found[str(name)] = one.dims, shape, attrs  # threshold and hysteresis differ between waveforms
-    return found
-
-
-def _joined(parts: Sequence[xr.Variable], name: str) -> xr.Variable:
-    first = parts[0]
-    if kind_of(name, first) != "tachometer":
-        return xr.Variable((SNAPSHOT, *first.dims), np.stack([part.to_numpy() for part in parts]), first.attrs)
-    rows = np.full((len(parts), max(part.size for part in parts)), np.nan)
-    for row, part in zip(rows, parts, strict=True):
-        row[: part.size] = part.to_numpy()
-    return xr.Variable((SNAPSHOT, *first.dims), rows, first.attrs)
+def _common_attrs(record: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes in which snapshots must agree."""
+    return {str(key): value for key, value in record.attrs.items() if key not in {"recorded_at", "source", "notes"}}

@@ -30,7 +30,7 @@ from hums.records._netcdf import (
     refuse_too_large,
     write_netcdf,
 )
-from hums.records.channels import ANGLE, attach_time, detach_time, kind_of
+from hums.records.channels import ANGLE, attach_time, detach_time, kind_of, layout_of, other_layout, stacked
 from hums.records.fields import SCHEMA, RecordError, RecordWarning, is_utf8, plain_repr
 from hums.records.outputs import atomic_write, check_outputs
 from hums.records.validation import check_record
@@ -469,9 +469,15 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     ValueError
         If the records differ in layout, or a label has the name of a channel.
     """
-    names = [str(name) for name in records[0].data_vars if not _is_truth(name)]
-    names += [name for name in _COORDINATES if name in records[0].coords]
-    variables: dict[str, xr.Variable] = {name: _stacked(records, name, dtype) for name in names}
+    layout, variables = layout_of(records[0]), dict[str, xr.Variable]()
+    for record in records:
+        if differs := other_layout(layout_of(record), layout):
+            raise ValueError(f"{differs}; records of a dataset must have the same channels, lengths and attributes.")
+    for name in (*layout, *(name for name in _COORDINATES if name in records[0].coords)):
+        parts = [record.variables[name] for record in records]
+        # in the requested type; times, speeds and single numbers stay exact
+        sampled = parts[0].ndim and kind_of(name, parts[0]) in {"vibration", "waveform", "measured"}
+        variables[name] = stacked(parts, _ROWS, dtype if sampled else None)
     for label, values in labels.items():
         if label in variables:
             raise ValueError(f'the label "{label}" has the name of a channel; choose another label.')
@@ -507,28 +513,6 @@ def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
     coordinates = [name for name, layout in layouts[row].items() if layout["coordinate"]]
     coordinates += [name for name in _COORDINATES if name in variables]
     return xr.Dataset(variables, attrs=json.loads(selected[_ATTRS].item())).set_coords(coordinates)
-
-
-def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variable:
-    """Return one variable of all records, stacked along the dimension of records."""
-    first = records[0].variables[name]
-    rows = []
-    for record in records:
-        if name not in record.variables:
-            raise ValueError(f'"{name}" is only in some records; all records of a dataset must have the same channels.')
-        if _json(record.variables[name].attrs) != _json(first.attrs):
-            raise ValueError(f'"{name}" has different attributes in the records; units, place and rate must agree.')
-        rows.append(record.variables[name].to_numpy())
-    if len({row.ndim for row in rows}) > 1 or (not _is_padded(first) and len({row.shape for row in rows}) > 1):
-        raise ValueError(f'channel "{name}" has different lengths; the records of a dataset must be equally long.')
-    if first.ndim == 0:
-        return xr.Variable(_ROWS, np.array(rows), first.attrs)
-    widest = np.max([row.shape for row in rows], axis=0)
-    samples = ("vibration", "waveform", "measured")  # in the requested type; times and speeds stay exact
-    stack = np.full((len(rows), *widest), np.nan, dtype=dtype if kind_of(name, first) in samples else np.float64)
-    for target, row in zip(stack, rows, strict=True):
-        target[tuple(slice(size) for size in row.shape)] = row
-    return xr.Variable((_ROWS, *first.dims), stack, first.attrs)
 
 
 def _layout(record: xr.Dataset, truths: Sequence[str]) -> dict[str, Any]:
