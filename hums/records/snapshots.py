@@ -150,4 +150,5 @@ def _starting_at(record: xr.Dataset, start_s: float) -> xr.Dataset:
 
 def _common_attrs(record: xr.Dataset) -> dict[str, Any]:
     """Return the attributes in which snapshots must agree."""
-    return {str(key): value for key, value in record.attrs.items() if key not in {"recorded_at", "source", "notes"}}
+    own = {"recorded_at", "source", "notes"}
+    return {str(key): str(value) for key, value in record.attrs.items() if key not in own}

@@ -473,7 +473,7 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     for record in records:
         if differs := other_layout(layout_of(record), layout):
             raise ValueError(f"{differs}; records of a dataset must have the same channels, lengths and attributes.")
-    for name in (*layout, *(name for name in _COORDINATES if name in records[0].coords)):
+    for name in (name for name in (*layout, *_COORDINATES) if name in records[0].variables):
         parts = [record.variables[name] for record in records]
         # in the requested type; times, speeds and single numbers stay exact
         sampled = parts[0].ndim and kind_of(name, parts[0]) in {"vibration", "waveform", "measured"}

@@ -200,6 +200,18 @@ def test_a_file_each_of_snapshots_with_measured_columns(tmp_path):
         assert record.torque.mean("time").values.tolist() == [20, 30]
 
 
+def test_a_dataset_has_one_rate(tmp_path):
+    for number, rate_hz in enumerate((2000.0, 2000.001, 4000.0)):  # the second as sample times scatter
+        times = np.arange(COUNT) / rate_hz
+        columns = np.column_stack([times, np.arange(COUNT)])
+        np.savetxt(tmp_path / f"acc_{number}.csv", columns, header="time (s),vib", delimiter=",", comments="")
+    declared = {name: value for name, value in DECLARED.items() if name != "rate_hz"}
+    made = convert_files(find_sources([f"{tmp_path}/acc_*.csv"]), tmp_path / "out", **declared)
+    assert made.records == 2
+    (reason,) = made.refused.values()
+    assert reason.startswith('"rate_hz" is 4000.0, but 2000.0 in the first file; write a record per file')
+
+
 def test_two_files_of_one_name(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
