@@ -24,7 +24,7 @@ from data_synth.cost import BYTES, explain
 from data_synth.draws import PlanError
 from data_synth.plan import Plan, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
-from data_synth.simulation import simulate, simulate_with_detectability
+from data_synth.simulation import simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import INDEX, LABELS, SHARD, open_dataset, write_index
 from hums.records.outputs import SEALS, atomic_write, check_outputs, make_folder, remove_partial_files, write_text
@@ -208,9 +208,13 @@ def dataset_cost(plan: Plan) -> DatasetCost:
     numbers = range(0, plan.records, max(1, plan.records // _EXPLAINED))[:_EXPLAINED]
     seconds, truth = list[float](), list[float]()
     for number in numbers:
-        own, *others = (explain(scene) for scene in plan.scenes_of(number))
-        seconds += [own.seconds, *(other.seconds for other in others)]
+        scene, trial_s = plan.scene(number), plan.table.detectability_s
+        own = explain(scene)
+        seconds.append(own.seconds)
         truth.append(own.truth_bytes * np.dtype(plan.dtype).itemsize / BYTES)
+        if trial_s is not None and scene.faults:
+            healthy = scene.changed(faults=(), duration_s=min(trial_s, scene.duration_s))
+            seconds.append(explain(healthy).seconds)
     return DatasetCost(
         size_bytes=plan.records * plan.record_bytes,
         truth_bytes=round(sum(truth) / len(numbers) * plan.records),
@@ -249,18 +253,15 @@ def _record_numbers(plan: Plan, shard: int) -> range:
 
 def _simulated(plan: Plan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return a record and its labels."""
-    labels = plan.labels(number)
+    labels, trial_s = plan.labels(number), plan.table.detectability_s
+    seed, machine_seed = plan.seed_of(number), plan.machine_seed_of(number)
     try:
-        scene = plan.scene(number)
-        seed, machine_seed = plan.seed_of(number), plan.machine_seed_of(number)
-        trial_s = plan.table.detectability_s
-        if trial_s is not None and scene.faults:
-            record, found_db = simulate_with_detectability(scene, seed=seed, machine_seed=machine_seed, trial_s=trial_s)
-            return record, labels | {"detectability_db": found_db}
-        record = simulate(scene, seed=seed, machine_seed=machine_seed)
+        record, found_db = simulate_with_detectability(
+            plan.scene(number), seed=seed, machine_seed=machine_seed, trial_s=trial_s
+        )
     except SceneError as error:
         raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None
-    return record, labels | ({} if trial_s is None else {"detectability_db": math.nan})
+    return record, labels | ({} if trial_s is None else {"detectability_db": found_db})
 
 
 # ---- the folder --------------------------------------------------------------------------------------------

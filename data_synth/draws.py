@@ -61,24 +61,17 @@ class Distribution(Declared):
         """Whether the label of a value is text."""
         return False
 
-    def at(self, probability: float) -> Any:  # noqa: ANN401
-        """Return the quantile at a probability."""
-        raise NotImplementedError
-
-    def label_at(self, probability: float) -> Any:  # noqa: ANN401
-        """Return the label of the quantile at a probability, before its factors."""
-        return self.at(probability)
-
 
 class Uniform(Distribution):
     """A uniform distribution from low to high."""
 
     uniform: Annotated[tuple[float, float], AfterValidator(_rising)]
 
-    def at(self, probability: float) -> float:
-        """Return the quantile at a probability."""
+    def at(self, probability: float) -> tuple[float, float]:
+        """Return the quantile at a probability, and its label."""
         low, high = self.uniform
-        return low + probability * (high - low)
+        value = low + probability * (high - low)
+        return value, value
 
 
 class Log(Distribution):
@@ -86,10 +79,11 @@ class Log(Distribution):
 
     log: Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
 
-    def at(self, probability: float) -> float:
-        """Return the quantile at a probability."""
+    def at(self, probability: float) -> tuple[float, float]:
+        """Return the quantile at a probability, and its label."""
         low, high = self.log
-        return float(low * (high / low) ** probability)
+        value = float(low * (high / low) ** probability)
+        return value, value
 
 
 class Choice(Distribution):
@@ -107,25 +101,19 @@ class Choice(Distribution):
             raise ValueError(f"{len(self.names)} names for {len(self.choice)} choices; give one name for each")
         return self
 
-    def index(self, probability: float) -> int:
-        """Return the index in the list of the quantile at a probability."""
-        return min(int(probability * len(self.choice)), len(self.choice) - 1)
-
     @property
     def is_text(self) -> bool:
         """Whether the label of a value is text."""
         return self.names is not None or all(isinstance(value, str) for value in self.choice)
 
-    def at(self, probability: float) -> Any:  # noqa: ANN401
-        """Return the quantile at a probability."""
-        return self.choice[self.index(probability)]
-
-    def label_at(self, probability: float) -> Any:  # noqa: ANN401
-        """Return the value chosen, or its name or number if the values are not all text or all numbers."""
+    def at(self, probability: float) -> tuple[Any, Any]:
+        """Return the value at a probability, and its label: a name or number if values are not all text or numbers."""
+        index = min(int(probability * len(self.choice)), len(self.choice) - 1)
+        value = self.choice[index]
         if self.names is not None:
-            return self.names[self.index(probability)]
-        plain = self.is_text or all(isinstance(value, int | float) for value in self.choice)
-        return self.at(probability) if plain else self.index(probability) + 1
+            return value, self.names[index]
+        plain = self.is_text or all(isinstance(each, int | float) for each in self.choice)
+        return value, value if plain else index + 1
 
 
 class Drawn(Distribution):
@@ -134,11 +122,12 @@ class Drawn(Distribution):
     drawn: Name
 
 
-DISTRIBUTIONS: dict[str, type[Distribution]] = {"uniform": Uniform, "log": Log, "choice": Choice, "drawn": Drawn}
+AnyDistribution: TypeAlias = Uniform | Log | Choice | Drawn
+DISTRIBUTIONS: dict[str, type[AnyDistribution]] = {"uniform": Uniform, "log": Log, "choice": Choice, "drawn": Drawn}
 """Distributions by the key with which they are written."""
 
 Tree: TypeAlias = Any  # tables and lists with distributions in the place of values
-Named: TypeAlias = Mapping[str, Distribution]
+Named: TypeAlias = Mapping[str, AnyDistribution]
 
 
 def parsed(value: Any, place: str, *, each: str) -> Tree:  # noqa: ANN401
@@ -186,12 +175,12 @@ def labels_of(tree: Tree) -> Counter[str]:
     counts = Counter[str]()
     for child in _children(tree):
         counts = counts | labels_of(child) if isinstance(tree, Choice) else counts + labels_of(child)
-    if isinstance(tree, Distribution) and tree.label is not None:
+    if isinstance(tree, AnyDistribution) and tree.label is not None:
         counts[tree.label] += 1
     return counts
 
 
-def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, float]]]:
+def reached(tree: Tree, named: Named) -> Iterator[tuple[AnyDistribution, dict[str, float]]]:
     """Yield each distribution that a record may draw from, with the probabilities of the choices that lead to it.
 
     Raises
@@ -201,8 +190,8 @@ def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, 
     """
     done = set[tuple[str, frozenset[tuple[str, float]]]]()
 
-    def within(tree: Tree, chosen: dict[str, float], path: tuple[str, ...]) -> Iterator[tuple[Distribution, Any]]:
-        if not isinstance(tree, Distribution):
+    def within(tree: Tree, chosen: dict[str, float], path: tuple[str, ...]) -> Iterator[tuple[AnyDistribution, Any]]:
+        if not isinstance(tree, AnyDistribution):
             for child in _children(tree):
                 yield from within(child, chosen, path)
             return
@@ -216,8 +205,9 @@ def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, 
                 raise PlanError(f'the draw "{name}" depends on itself; give it its own range.')
             yield from within(named[name], chosen, (*path, name))
             done.add((name, frozenset(chosen.items())))
-        for number, option in enumerate(tree.choice if isinstance(tree, Choice) else ()):
-            yield from within(option, chosen | {str(tree.label): (number + 0.5) / len(tree.choice)}, path)  # type: ignore[attr-defined]
+        options = tree.choice if isinstance(tree, Choice) else ()
+        for number, option in enumerate(options):
+            yield from within(option, chosen | {str(tree.label): (number + 0.5) / len(options)}, path)
 
     yield from within(tree, {}, ())
 
@@ -241,7 +231,7 @@ class Draws:
     """
 
     def __init__(
-        self, named: Named, probability: Callable[[Distribution], float], given: Mapping[str, Any] | None = None
+        self, named: Named, probability: Callable[[AnyDistribution], float], given: Mapping[str, Any] | None = None
     ) -> None:
         self.labels: dict[str, Any] = {}
         self._named, self._probability, self._values = named, probability, dict(given or {})
@@ -253,19 +243,20 @@ class Draws:
             return {key: self.resolved(item) for key, item in tree.items()}
         if isinstance(tree, list):
             return [self.resolved(item) for item in tree]
-        return self._value(tree) if isinstance(tree, Distribution) else tree
+        return self._value(tree) if isinstance(tree, AnyDistribution) else tree
 
     def _of(self, name: str) -> Any:  # noqa: ANN401
         if name not in self._values:
             self._values[name] = self._value(self._named[name])
         return self._values[name]
 
-    def _value(self, distribution: Distribution) -> Any:  # noqa: ANN401
+    def _value(self, distribution: AnyDistribution) -> Any:  # noqa: ANN401
         if isinstance(distribution, Drawn):
             value = shown = self._of(distribution.drawn)
         else:
             at = self._of(distribution.by) if distribution.by is not None else self._probability(distribution)
-            value, shown = self.resolved(distribution.at(at)), distribution.label_at(at)
+            value, shown = distribution.at(at)
+            value = self.resolved(value)
         for factor in distribution.factors:
             other = self._of(factor) if isinstance(factor, str) else factor
             if not (isinstance(value, int | float) and isinstance(other, int | float)):

@@ -18,8 +18,8 @@ from pydantic import Field
 
 from data_synth.draws import (
     DISTRIBUTIONS,
+    AnyDistribution,
     Choice,
-    Distribution,
     Drawn,
     Draws,
     Named,
@@ -129,7 +129,7 @@ class _Template:
     of_class: Tree
 
     @cached_property
-    def distributions(self) -> tuple[Distribution, ...]:
+    def distributions(self) -> tuple[AnyDistribution, ...]:
         """Distinct distributions from which a record may draw."""
         return tuple({id(draw): draw for draw, _ in reached(self.tree, self.named)}.values())
 
@@ -299,13 +299,6 @@ class Plan:
         scene = Scene.from_mapping(table, where=f'record {number}, class "{self.class_of(number)}"')
         return scene if self._history is None else self._history.scene(scene, number, seed=self.seed)
 
-    def scenes_of(self, number: int) -> tuple[Scene, ...]:
-        """Return the scenes simulated for a record: its own, and a short healthy one for the detectability."""
-        scene, trial_s = self.scene(number), self.table.detectability_s
-        if trial_s is None or not scene.faults:
-            return (scene,)
-        return scene, scene.changed(faults=(), duration_s=min(trial_s, scene.duration_s))
-
     def seed_of(self, number: int) -> int:
         """Return the seed with which a record is simulated.
 
@@ -418,7 +411,7 @@ class Plan:
         for design in plan.machines or (_NO_MACHINE,):
             named = parsed(plan.draw, "", each="record") | parsed(design.draw, "", each="machine")
             for name, draw in named.items():
-                if not isinstance(draw, Distribution):
+                if not isinstance(draw, AnyDistribution):
                     raise PlanError(f"draw.{name} is not a distribution{closest(name, set(DISTRIBUTIONS))}")
             base = plan.scene if isinstance(plan.scene, dict) else {}  # written out when the plan was read
             tree = _merged(base, parsed(plan.change, "", each="record"))
@@ -440,7 +433,7 @@ class Plan:
         template = self.templates[(machine.design if machine else _NO_MACHINE).name, self.class_of(number)]
         of_machine = machine.name if machine else self._history.machine(number) if self._history else 0
 
-        def probability(draw: Distribution) -> float:
+        def probability(draw: AnyDistribution) -> float:
             label = str(draw.label)
             if draw.each == "machine":
                 return float(random_stream(self._machine_seed, "machine", of_machine, label).random())
@@ -640,14 +633,15 @@ def _extremes(template: _Template, of: Tree) -> Iterator[dict[str, Any]]:
     taken: list[dict[str, float]] = []
     once = {(id(draw), *chosen.items()): (draw, chosen) for draw, chosen in reached(of, template.named)}
     for draw, chosen in once.values():
-        for number in range(1, len(draw.choice) if isinstance(draw, Choice) else 0):
-            option = {str(draw.label): (number + 0.5) / len(draw.choice)}  # type: ignore[attr-defined]
+        options = draw.choice if isinstance(draw, Choice) else ()
+        for number in range(1, len(options)):
+            option = {str(draw.label): (number + 0.5) / len(options)}
             # options of independent choices are combined
             free = (each for each in taken if chosen.items() <= each.items() and not option.keys() & each.keys())
             if (there := next(free, None)) is None:
                 taken.append(chosen | option)
             else:
                 there |= option
-    for end, options in [(0.0, {}), (1.0, {}), *((0.0, each) for each in taken)]:
-        draws = Draws(template.named, lambda draw: options.get(str(draw.label), end))  # noqa: B023 - called at once
+    for end, given in [(0.0, {}), (1.0, {}), *((0.0, each) for each in taken)]:
+        draws = Draws(template.named, lambda draw: given.get(str(draw.label), end))  # noqa: B023 - called at once
         yield draws.resolved(template.tree)

@@ -27,8 +27,8 @@ from data_synth.sources.disturbances import (
 from data_synth.sources.impact_responses import add_impacts, later
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import BLOCK, add_noise, clip, drop_outs, quantise
-from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
-from data_synth.vibration.gear_lines import gear_lines, samples_compared
+from data_synth.truth import angle_truth, truth_variables
+from data_synth.vibration.gear_lines import GearLines, gear_lines, samples_compared
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.run import Motion, motion_of
 from hums.records.record import Channel, PulseTimes, make_record
@@ -181,7 +181,7 @@ class NoiseFree:
 
 
 def simulate_with_detectability(
-    scene: Scene, *, seed: int, machine_seed: int | None = None, trial_s: float
+    scene: Scene, *, seed: int, machine_seed: int | None = None, trial_s: float | None
 ) -> tuple[xr.Dataset, float]:
     """Return the record of a scene and the detectability of its first fault in its first channel.
 
@@ -190,19 +190,22 @@ def simulate_with_detectability(
     scene : Scene
     seed : int
     machine_seed : int or None
-    trial_s : float
-        Length in s of the opening part that is also simulated without the fault.
+    trial_s : float or None
+        Length in s of the opening part that is also simulated without the fault; None for no detectability.
 
     Returns
     -------
     record : xarray.Dataset
         As `simulate` returns it.
     detectability_db : float
-        Detectability in the whole record in dB, extrapolated from the first `trial_s` seconds.
+        Detectability in the whole record in dB, extrapolated from the first `trial_s` seconds; NaN without a fault.
     """
-    samples = min(scene.samples, round(trial_s * scene.rate_hz))
+    refuse_too_large(scene)
+    samples = 0 if trial_s is None or not scene.faults else min(scene.samples, round(trial_s * scene.rate_hz))
     streams = Streams(seed=seed, machine_seed=machine_seed)
     record, own = _simulated(scene, streams, samples)
+    if not samples:
+        return record, math.nan
     ratio_db = _fault_detectability(scene, streams, own)
     return record, float(ratio_db[0, 0]) + 10 * math.log10(scene.samples / samples)
 
@@ -217,14 +220,18 @@ def _simulated(
     mechanics: bool = False,
 ) -> tuple[xr.Dataset, NoiseFree]:
     """Return the record of a scene, and the first `kept` samples after the linear part of its channels' chains."""
-    prepared, motion, choice, gear_faults = _set_up(declared, streams, turns_before=streams.turns_before)
-    parts = _by_source(prepared) if by_source else {}
-    signal = _clean(prepared)
-    if motion is not None and choice is not None:
-        truth, attrs, noise_free = _with_gears(prepared, motion, choice, signal, parts, kept=kept)
+    prepared, motion, choice, attrs = _set_up(declared, streams, turns_before=streams.turns_before)
+    signal, gear_signal = _clean(prepared), None
+    if motion is not None and choice is not None and not choice.linear:
+        measured, noise_free, gear_signal = _with_gears(prepared, motion, choice, signal, kept=kept)
+        truth = truth_variables(prepared, motion=motion, measured=measured)
+        attrs["truth_mesh_lines"] = measured.about
     else:
-        truth, attrs = truth_variables(prepared), {"truth_gear_faults": gear_faults} if gear_faults else {}
-        noise_free = NoiseFree(signal=signal[:, :kept].copy())
+        truth, noise_free = (
+            truth_variables(prepared, motion=motion),
+            NoiseFree(signal=signal[:, :kept].copy(), choice=choice),
+        )
+    parts = _by_source(prepared, gear_signal) if by_source else {}
     truth |= add_outside_sources(prepared, signal)
     truth |= sensor_truth(prepared)
     _drift(prepared, signal, truth, parts)
@@ -252,19 +259,20 @@ def _simulated(
 
 def _set_up(
     scene: Scene, rng_for: RandomStreams, *, turns_before: int, choice: Choice | None = None
-) -> tuple[PreparedScene, Motion | None, Choice | None, str]:
+) -> tuple[PreparedScene, Motion | None, Choice | None, dict[str, str]]:
     """Return the prepared scene and, where gears vibrate, their motion and its model.
 
-    The last value states how the gear faults of a kinematic scene were computed. `choice` is the model; None: that of
-    the scene.
+    The last value has attributes that state the model, or how the gear faults of a kinematic scene were computed.
+    `choice` is the model; None: that of the scene.
     """
     prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
     if scene.fidelity == "kinematic":
         prepared, gear_faults = with_gear_faults(prepared)
-        return prepared, None, None, gear_faults
+        return prepared, None, None, {"truth_gear_faults": gear_faults} if gear_faults else {}
     motion = motion_of(prepared)
     choice = chosen(motion) if choice is None else choice
-    return with_gear_lines(prepared, motion, choice), motion, choice, ""
+    attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
+    return with_gear_lines(prepared, motion, choice), motion, choice, attrs
 
 
 def _channel(sensor: Sensor, values: Array) -> Channel:
@@ -309,17 +317,12 @@ def _gear_vibration(motion: Motion, *, samples: int) -> Array:
 
 
 def _with_gears(
-    prepared: PreparedScene, motion: Motion, choice: Choice, signal: Array, parts: dict[str, xr.DataArray], *, kept: int
-) -> tuple[dict[str, xr.DataArray], dict[str, str], NoiseFree]:
-    """Add the vibration of the gears to a signal (sensor, n) and to `parts`.
+    prepared: PreparedScene, motion: Motion, choice: Choice, signal: Array, *, kept: int
+) -> tuple[GearLines, NoiseFree, Array]:
+    """Add the integrated vibration of the gears to a signal (sensor, n).
 
-    Return the truth, attributes that state the gear model and the error of the mesh lines, and the first `kept`
-    samples.
+    Return its lines, the first `kept` samples of the signal, and the vibration (sensor, n).
     """
-    passes = tooth_pass_truth(motion)
-    if choice.linear:
-        attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
-        return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy(), choice=choice)
     steps, samples = motion.steps(), prepared.scene.samples
     gear_signal = sound_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
     signal += gear_signal
@@ -332,19 +335,13 @@ def _with_gears(
     measured = gear_lines(prepared, gear_signal - free, sound=sound_forced if damaged else None)
     power, whole = np.mean(free**2, axis=1), np.var(gear_signal, axis=1)
     share = np.divide(power, whole, out=np.zeros_like(whole), where=whole > 0)
-    truth = truth_variables(prepared, measured=measured, free=share) | passes
-    for name, sources in parts.items():
-        # meshes interact, so all vibrating gears are one source
-        own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords={"truth_source_name": ["gears, motion"]})
-        parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
-    attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
     noise_free = NoiseFree(
         signal=signal[:, :kept].copy(),
         of_sound_gears=sound_signal[:, :kept].copy(),
         steps=steps,
         choice=choice,
     )
-    return truth, attrs, noise_free
+    return replace(measured, free=share), noise_free, gear_signal
 
 
 def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
@@ -359,20 +356,24 @@ def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
     return signal - _gear_vibration(replace(forced, steps_per_sample=steps), samples=signal.shape[1])
 
 
-def _by_source(prepared: PreparedScene) -> dict[str, xr.DataArray]:
-    """Return the signal of each source alone at every sensor."""
+def _by_source(prepared: PreparedScene, gear_signal: Array | None) -> dict[str, xr.DataArray]:
+    """Return the signal of each source alone at every sensor; meshes interact, so all vibrating gears are one."""
     sources = dict.fromkeys(
         [(family.component, family.kind) for family in prepared.families]
         + [(train.component, train.kind) for _, train in prepared.trains]
     )
-    signals = np.empty((len(prepared.scene.sensors), len(sources), prepared.scene.samples))
+    names = [f"{component}, {kind}" for component, kind in sources]
+    names += [] if gear_signal is None else ["gears, motion"]
+    signals = np.empty((len(prepared.scene.sensors), len(names), prepared.scene.samples))
     for index, source in enumerate(sources):
         signals[:, index] = _clean(prepared, only=source)
+    if gear_signal is not None:
+        signals[:, -1] = gear_signal
     return {
         "truth_source": xr.DataArray(
             signals,
             dims=("truth_channel", "truth_source_name", "time"),
-            coords={"truth_source_name": [f"{component}, {kind}" for component, kind in sources]},
+            coords={"truth_source_name": names},
             attrs={"units": prepared.scene.sensors[0].channel_units},
         )
     }

@@ -17,25 +17,13 @@ from data_synth.vibration.gear_lines import GearLines, Line
 from data_synth.vibration.run import Motion, fault_passes
 
 
-def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
-    """Return the times in s at which damaged teeth are midway through their mesh, one variable per gear fault."""
-    return {
-        f"truth_tooth_passes_{number + 1}": xr.DataArray(
-            times_s,
-            dims=f"truth_tooth_pass_{number + 1}",
-            attrs={"units": "s", "component": motion.stage.scene.faults[number].component, "half_width_rev": half_rev},
-        )
-        for number, (times_s, half_rev) in fault_passes(motion).items()
-    }
-
-
 def truth_variables(
-    prepared: PreparedScene, *, measured: GearLines | None = None, free: Array | None = None
+    prepared: PreparedScene, *, motion: Motion | None = None, measured: GearLines | None = None
 ) -> dict[str, xr.DataArray]:
     """Return the truth of every record: speed, lines, measurement chain, faults and tachometer.
 
-    `measured` are the lines of vibrating gears; `free` (channel,) is the share of their power that is free vibration.
-    `data_synth.simulate` documents the variables.
+    `motion` is that of vibrating gears, and `measured` their lines where they are integrated. `data_synth.simulate`
+    documents the variables.
     """
     reference, torque = str(prepared.scene.gearbox.reference), prepared.drive.torque
     histories = {
@@ -49,10 +37,11 @@ def truth_variables(
             f"truth_{name}": xr.DataArray(values, dims="truth_time", attrs={"units": units, "shaft": shaft})
             for name, (values, units, shaft) in histories.items()
         },
-        **_line_truth(prepared, measured, free),
+        **_line_truth(prepared, measured),
         **_chain_truth(prepared),
         **_fault_truth(prepared),
         **_pulse_truth(prepared),
+        **(_pass_truth(motion) if motion is not None else {}),
     }
 
 
@@ -68,7 +57,7 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     scene = prepared.scene
     revolutions = prepared.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
     shafts = {link: ratio * revolutions for link, ratio in turning_ratios(scene).items()}
-    rollers: dict[str, Array] = {}
+    rollers = dict[str, Array]()
     for _, train in prepared.trains:
         if train.bearing is None:
             continue
@@ -94,7 +83,7 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     }
 
 
-def _line_truth(prepared: PreparedScene, measured: GearLines | None, free: Array | None) -> dict[str, xr.DataArray]:
+def _line_truth(prepared: PreparedScene, measured: GearLines | None) -> dict[str, xr.DataArray]:
     """Return complex amplitude, component and kind of every line, with the coordinates of the whole truth."""
     at_orders: dict[float, list[Line]] = {}
     for line in (*_lines(prepared), *(measured.lines if measured is not None else ())):
@@ -122,13 +111,11 @@ def _line_truth(prepared: PreparedScene, measured: GearLines | None, free: Array
         )
         for name in ("component", "kind")
     }
-    shares = {"truth_free": free}
-    if measured is not None:
-        shares |= {"truth_left": measured.left, "truth_fault_left": measured.fault_left}
+    shares = ("free", "left", "fault_left") if measured is not None else ()
     left = {
-        name: xr.DataArray(share, dims="truth_channel", attrs={"units": "1"})
-        for name, share in shares.items()
-        if share is not None
+        f"truth_{name}": xr.DataArray(share, dims="truth_channel", attrs={"units": "1"})
+        for name in shares
+        if (share := getattr(measured, name)) is not None
     }
     return {"truth_amplitude": amplitude, **labels, **left}
 
@@ -212,4 +199,16 @@ def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
         "truth_marks": xr.DataArray(pulses.marks_s, dims="truth_mark", attrs={"units": "s", "about": about}),
         "truth_missed_marks": xr.DataArray(pulses.missed, dims="truth_missed_mark"),
         "truth_spurious_pulses": xr.DataArray(pulses.spurious_s, dims="truth_spurious", attrs={"units": "s"}),
+    }
+
+
+def _pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
+    """Return the times in s at which damaged teeth are midway through their mesh, one variable per gear fault."""
+    return {
+        f"truth_tooth_passes_{number + 1}": xr.DataArray(
+            times_s,
+            dims=f"truth_tooth_pass_{number + 1}",
+            attrs={"units": "s", "component": motion.stage.scene.faults[number].component, "half_width_rev": half_rev},
+        )
+        for number, (times_s, half_rev) in fault_passes(motion).items()
     }

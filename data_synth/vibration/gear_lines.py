@@ -135,6 +135,8 @@ class GearLines:
         Those of sound teeth, then the contributions of damage, which may have the same orders.
     left, fault_left : (channel,) array or None
         Share of the power outside the lines: of sound teeth, and of the contribution of damaged teeth.
+    free : (channel,) array or None
+        Share of the power that is free vibration.
     about : str
         Resolution of the lines, in words.
     """
@@ -142,6 +144,7 @@ class GearLines:
     lines: tuple[Line, ...] = ()
     left: Array | None = None
     fault_left: Array | None = None
+    free: Array | None = None
     about: str
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from data_synth.dynamics.parts import MeshProperties, power_flow
 from data_synth.dynamics.placement import Contact, contacts_of, opposite_mesh_lead, planet_of, planet_phase_lag
-from data_synth.dynamics.system import Mesh, MeshHistory
+from data_synth.dynamics.system import MeshHistory
 from data_synth.gears.lost_contact import LoadSharing, declared_errors, modification_errors, modified_teeth
 from data_synth.gears.mesh_stiffness import (
     Constant,
@@ -52,13 +52,6 @@ class Teeth:
     properties: MeshProperties
     passes: tuple[tuple[int, float, int, float], ...]
     history: MeshHistory | None = None
-
-    def over_time(self, mesh: Mesh) -> Mesh:
-        """Return the mesh with these teeth as functions of time."""
-        if self.history is None:
-            return mesh
-        first, error = self.history.stiffnesses[0], self.history.errors[0]
-        return replace(mesh, stiffness=first, error=error, history=self.history)
 
 
 def kinematics_of(scene: Scene) -> Kinematics:
@@ -293,19 +286,13 @@ def _healthy_errors(
         if deviation_m.any():
             found.append(PitchError(teeth_m=cosine * deviation_m, handover=min(max(ratio - 1, 0.0), 1.0)))
     planet = planet_of(kinematics, contact)
-    named = _named(scene, contact.links[planet]) if planet is not None else None
-    if planet is not None and named is not None:
+    link = contact.links[planet] if planet is not None else ""
+    for named in (each for each in scene.gearbox.copied if link in scene.gearbox.instances(each)):
         axis = next(axis for axis in scene.gearbox.axes if named in axis.links)
-        which = scene.gearbox.instances(named).index(contact.links[planet])
-        ahead_m = planet_displacements_m(scene, axis, rng_for=stage.rng_for)[which]
+        ahead_m = planet_displacements_m(scene, axis, rng_for=stage.rng_for)[scene.gearbox.instances(named).index(link)]
         if ahead_m:
             found.append(PitchError(teeth_m=np.array([cosine * ahead_m]), handover=0.0))
     return found
-
-
-def _named(scene: Scene, instance: str) -> str | None:
-    """Return the declared link of which a link is a copy, or None."""
-    return next((link for link in scene.gearbox.copied if instance in scene.gearbox.instances(link)), None)
 
 
 def _shape(scene: Scene, contact: Contact) -> str:

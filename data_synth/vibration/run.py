@@ -422,7 +422,7 @@ def motion_of(stage: PreparedScene) -> Motion:
     declared = scene.dynamics_or_default
     whole = assembly_of(stage, gears)
     excited, numbers = excited_dofs_of(whole)
-    system = replace(excited, meshes=tuple(teeth[mesh.name].over_time(mesh) for mesh in excited.meshes))
+    system = replace(excited, meshes=tuple(replace(mesh, history=teeth[mesh.name].history) for mesh in excited.meshes))
     damped = with_modal_damping(system, ratio=declared.damping_ratio)
     angular, _ = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     slowest = min(

@@ -166,15 +166,10 @@ def equilibrium(assembled: Assembled) -> Array:
         speeds = rows @ z
     x = np.zeros(2 * size)
     x[periodic] = z
-    shift = np.zeros_like(assembled.backlashes)
-    for number, half_gap in enumerate(assembled.backlashes):
-        deflection = assembled.deflections[number] @ (x[:size] / assembled.scales)
-        shift[number] = half_gap * np.sign(deflection)
-    if np.any(shift):
-        # contact begins at half the backlash: equal forces at a larger deflection
-        forces = assembled.deflections.T @ (assembled.means * shift)
-        w = assembled.frequencies
-        x[:size] += np.divide(forces, w, out=np.zeros(size), where=w > 0)
+    # contact begins at half the backlash: equal forces at a larger deflection
+    shifts = assembled.backlashes * np.sign(assembled.deflections @ (x[:size] / assembled.scales))
+    forces, w = assembled.deflections.T @ (assembled.means * shifts), assembled.frequencies
+    x[:size] += np.divide(forces, w, out=np.zeros(size), where=w > 0)
     return x
 
 
