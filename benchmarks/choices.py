@@ -25,7 +25,7 @@ from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.plots import save_figure
 from signals.demodulation.envelope import bank_bands, bank_envelopes
-from signals.harmonics import residual_record, track_orders
+from signals.harmonics import order_waveform, track_orders
 
 Floats = NDArray[np.float64]
 RATE_HZ, PER_REV, BEARING_ORDER, EDGE = 20_000.0, 1024, 3.585, 6000
@@ -87,7 +87,7 @@ def separators(phase: signals.ShaftPhase, size: int) -> dict[str, Callable[[Floa
 
     def tracked(x: Floats) -> Floats:
         tracks = track_orders(x, phase_rad=angle, orders=GEARED, bandwidth_hz=1.0, rate_hz=RATE_HZ)
-        return np.asarray(residual_record(x, tracks, phase_rad=angle))
+        return np.asarray(x - order_waveform(tracks, phase_rad=angle))
 
     return {
         "no separation": np.copy,

@@ -9,6 +9,5 @@ from signals.harmonics.tracker import track_orders as track_orders
 from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
 from signals.harmonics.tracking_results import OrderTracks as OrderTracks
 from signals.harmonics.waveform import order_waveform as order_waveform
-from signals.harmonics.waveform import residual_record as residual_record
 from signals.slipping_order.slip_tracking import SlippingTrack as SlippingTrack
 from signals.slipping_order.slip_tracking import track_slipping_order as track_slipping_order

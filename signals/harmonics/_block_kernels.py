@@ -183,24 +183,24 @@ def remodulate(
 
     Angles, of the samples of the wave, orders and their shafts are given as to `project`; scratch is (2, PIECE).
     """
-    cosine, sine = work[0], work[1]
-    first = 0
-    while first < wave.size:
-        block = min((start + first) // length, pieces.shape[1] - 1)
+    cosine, sine, final = work[0], work[1], pieces.shape[1] - 1
+    for first in range(0, wave.size, PIECE):
         last = min(first + PIECE, wave.size)
-        if block < pieces.shape[1] - 1:
-            last = min(last, (block + 1) * length - start)
-        begin, step = (start + first - block * length) / length, 1.0 / length
         for k in range(orders.size):
             fill_phasors(orders[k], phase[shaft[k], first:last], cosine, sine)
-            a0, a1, a2, a3 = pieces[k, block, 0]
-            b0, b1, b2, b3 = pieces[k, block, 1]
-            for n in range(last - first):
-                u = begin + step * n
-                real = a0 + u * (a1 + u * (a2 + u * a3))
-                imaginary = b0 + u * (b1 + u * (b2 + u * b3))
-                wave[first + n] += real * cosine[n] - imaginary * sine[n]
-        first = last
+            for block in range(min((start + first) // length, final), min((start + last - 1) // length, final) + 1):
+                begin = max(block * length - start, first)
+                end = last if block == final else min((block + 1) * length - start, last)
+                place, step = (start + begin - block * length) / length, 1.0 / length
+                a0, a1, a2, a3 = pieces[k, block, 0]
+                b0, b1, b2, b3 = pieces[k, block, 1]
+                part, own = slice(begin - first, end - first), wave[begin:end]
+                c, s = cosine[part], sine[part]
+                for n in range(end - begin):
+                    u = place + step * n
+                    real = a0 + u * (a1 + u * (a2 + u * a3))
+                    imaginary = b0 + u * (b1 + u * (b2 + u * b3))
+                    own[n] += real * c[n] - imaginary * s[n]
 
 
 @compiled_sums_in_place

@@ -166,14 +166,11 @@ class Grid:
     def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, of some orders added up, from (channel, order, block, 2, 4) `pieces_between`."""
         model, waves = self.model, np.zeros((len(pieces), samples.stop - samples.start))
-        phase, numbers, shaft, work = (
-            model.phase(samples),
-            model.orders[orders],
-            model.shaft[orders],
-            np.empty((2, PIECE)),
-        )
-        for some, wave in zip(np.ascontiguousarray(pieces[:, orders]), waves, strict=True):
-            _block_kernels.remodulate(some, self.length, phase, numbers, shaft, samples.start, work, wave)
+        first, last = samples.start // self.length, -(-samples.stop // self.length)
+        own, given = np.ascontiguousarray(pieces[:, orders, first:last]), (model.orders[orders], model.shaft[orders])
+        start, work = samples.start - first * self.length, np.empty((2, PIECE))
+        for some, wave in zip(own, waves, strict=True):
+            _block_kernels.remodulate(some, self.length, model.phase(samples), *given, start, work, wave)
         return waves
 
     def at_nodes(self, moments: Floats) -> Floats:

@@ -4,6 +4,9 @@ Inside a record, the leakage of other orders follows from the smoother's gain, a
 parts in which they come close. Near the ends and gaps it is larger, that of the causal filter under a whole triangular
 weight; an incomplete weight suppresses hardly anything. So there more orders are smoothed jointly, and the waveforms of
 the others, as estimated first, are subtracted from the samples under incomplete weights.
+
+With one pole the gain falls off so slowly that many orders leak a little into one another throughout the record. What
+they leave is then subtracted from the data at the nodes, in rounds, as in the Jacobi iteration for the joint smoother.
 """
 
 from dataclasses import dataclass, replace
@@ -12,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from signals.harmonics._block_kernels import phasors
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
 from signals.harmonics.node_chain import Information, NodeChain, smooth_chain
-from signals.harmonics.separability import Closeness, coupled, leaks, left_over
+from signals.harmonics.separability import Closeness, components, coupled, leaks, left_over
 from signals.harmonics.state_space import PRIOR_STD, Complexes, Flags, Floats, Indices
 
 # ---- Smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
@@ -145,6 +149,11 @@ LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
 MOST_PARTS = 32
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
+# With one pole, more orders than these that pass less than `WEAK` of one another are not smoothed together: their joint
+# covariance would take up half of what passes.
+MOST_WEAK, WEAK = 8, 1e-2
+# Parts of the record in which frequencies are taken as constant there, at most, and nodes in one.
+MOST_STEADY, FEWEST_NODES = 128, 8
 
 
 def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
@@ -153,7 +162,7 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
     Returns the largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
     """
     size = smoothed.size
-    joints, left = _inside(grid, closeness, size)
+    joints, left, weak = _inside(grid, closeness, size)
     together = np.zeros((size.size, grid.nodes), dtype=np.bool_)  # where orders are smoothed with others
     whole = np.zeros(grid.nodes, dtype=np.bool_)  # where all are one group, and no others are left to be subtracted
     for joint in joints:
@@ -166,23 +175,47 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
     near_ends = [joint for joint in near_ends if not whole[joint.kept].all()]
     for joint in near_ends:
         together[joint.group, joint.kept] = True
-    lone = np.flatnonzero(~together.all(axis=1))
+    lone, counts = np.flatnonzero(~together.all(axis=1)), grid.at_nodes(grid.seen_counts)
+    repeated = [*joints, *(near_ends if more > grid.tolerance else [])] if weak else []
     for number in range(MOST_ROUNDS):
-        before, others = smoothed.levels[..., grid.cut], WithoutOthers(grid, smoothed.levels, grid.cut)
-        smooth_alone(grid, lone, others.alone(lone), grid.at_nodes(grid.seen_counts), smoothed, together=together)
-        if number == 0:
-            for joint in near_ends:
-                smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
-        moved = np.where(together[:, grid.cut], 0.0, np.abs(smoothed.levels[..., grid.cut] - before))
-        if np.all(LEFT_OF_MOVED * moved.max(axis=2, initial=0.0) <= grid.tolerance * size):
+        before, others = smoothed.levels.copy(), WithoutOthers(grid, smoothed.levels, grid.cut, one_pole=weak)
+        smooth_alone(grid, lone, others.alone(lone), counts, smoothed, together=together)
+        for joint in repeated if number else [*near_ends, *(joints if weak else [])]:
+            smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
+        moved = np.abs(smoothed.levels - before)
+        moved = moved if weak else np.where(together, 0.0, moved)[..., grid.cut]
+        # The first round also subtracts what others' estimates have of an order itself, as much as they leave in it.
+        if number >= weak and np.all(LEFT_OF_MOVED * moved.max(axis=2, initial=0.0) <= grid.tolerance * size):
             break
-    return max(left, more)
+    return left if weak else max(left, more)
 
 
-def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float]:
+def leaked(grid: Grid, levels: Complexes, nodes: slice) -> Floats:
+    """(node, pole, order, channel, 2) array, what other orders and images leave in the data at nodes, with one pole.
+
+    Between nodes the amplitudes, (channel, order, node), are taken as constant; the spectrum of a whole triangular
+    weight is a squared sinc.
+    """
+    model = grid.model
+    at = np.minimum(grid.length * np.arange(grid.nodes)[nodes], grid.samples - 1)
+    angle = model.orders[:, None] * model.phase(at)[model.shaft]
+    turn = phasors(angle)
+    waves, found = levels * turn.conj(), np.empty_like(levels)
+    for part in np.array_split(np.arange(at.size), min(-(-at.size // FEWEST_NODES), MOST_STEADY)):
+        step = (angle[:, part[-1]] - angle[:, part[0]]) / (2 * pi * max(at[part[-1]] - at[part[0]], 1))
+        apart = np.stack([step - step[:, None], step + step[:, None]])
+        others, images = np.sinc(grid.length * (apart - np.rint(apart))) ** 2
+        np.fill_diagonal(others, 0.0)
+        np.fill_diagonal(images, np.where(model.orders == 0, 0.0, np.diag(images)))
+        found[..., part] = others @ waves[..., part] + images @ waves[..., part].conj()
+    found *= 0.5 * grid.length * turn
+    return np.ascontiguousarray(found.T[:, None]).view(np.float64).reshape(at.size, 1, *found.shape[1::-1], 2)
+
+
+def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float, bool]:
     """Return the orders that leak into one another inside the record, and the largest leakage between all others.
 
-    `size` are their (order,) amplitudes.
+    Returned is also whether weak links are left out. `size` are their (order,) amplitudes.
     """
     gain, least = Bandwidth.smoother_gain, 1 / grid.samples
     received = closeness.received(gain, size, least=least)
@@ -193,12 +226,16 @@ def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint]
     for part, nodes in enumerate(map(slice, starts.tolist(), stops.tolist()) if groups else ()):
         here = leaks(closeness.within(grid.samples_of(nodes)).received(gain, size, least=least), size)
         linked[:, part] = [np.any(here[np.ix_(group, group)] > grid.tolerance) for group in groups]
-    joints = []
+    joints, weak = list[Joint](), False
+    strong = closeness.received(gain, np.ones_like(size), least=least) > WEAK
     for group, parts in zip(groups, linked, strict=True):
+        many = grid.model.poles == 1 and group.size > MOST_WEAK
+        close = [group[part] for part in components(strong[np.ix_(group, group)])] if many else [group]
+        weak |= len(close) != 1 or close[0].size < group.size
         for first, last in np.flatnonzero(np.diff(parts, prepend=False, append=False)).reshape(-1, 2).tolist():
             kept = slice(int(starts[first]), int(stops[last - 1]))
-            joints.append(Joint(group, kept, grid.around(kept, MEMORIES)))
-    return joints, left_over(received, size, groups)
+            joints += [Joint(part, kept, grid.around(kept, MEMORIES)) for part in close]
+    return joints, left_over(received, size, groups), weak
 
 
 def _near_ends(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float]:
@@ -227,12 +264,16 @@ def _near_ends(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joi
 class WithoutOthers:
     """Moments of a record less the estimated waveforms of other orders, near some nodes, all by default.
 
-    The waveforms are weighted with the sum of the triangular weights of these nodes.
+    The waveforms are weighted with the sum of the triangular weights of these nodes. With `one_pole` what others leave
+    elsewhere is subtracted, too, see `leaked`.
     """
 
-    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags | None = None) -> None:
+    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags | None = None, *, one_pole: bool = False) -> None:
         nodes = np.ones(grid.nodes, dtype=np.bool_) if nodes is None else nodes
-        self._grid, self._nodes = grid, nodes
+        self._elsewhere = one_pole & ~nodes
+        # There the weights of the nodes themselves must be whole.
+        nodes = np.convolve(nodes, [1, 1, 1], mode="same") > 0 if one_pole else nodes
+        self._grid, self._nodes, self._levels = grid, nodes, levels
         self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
         orders = np.arange(grid.model.orders.size)
         self._runs = list(grid.runs(nodes[:-1] | nodes[1:]))
@@ -256,17 +297,28 @@ class WithoutOthers:
             pieces = self._pieces[:, orders, blocks].transpose(2, 4, 1, 0, 3)  # block, power, order, channel, part
             back = hankel @ pieces.reshape(*pieces.shape[:2], -1)
             moments[blocks] += back.reshape(*back.shape[:2], *pieces.shape[2:]) / parts
-        return grid.at_nodes(moments)
+        return self._at_nodes(moments, orders, slice(0, grid.nodes), self._levels)
 
-    def together(self, group: Indices, nodes: slice = slice(None)) -> Floats:
+    def together(self, group: Indices, nodes: slice | None = None) -> Floats:
         """(node, pole, order, channel, 2) array of the data at some nodes, of a group without all others."""
         grid = self._grid
-        first, last, _ = nodes.indices(grid.nodes)
-        moments = self._moments[:, :, group]
+        nodes = slice(0, grid.nodes) if nodes is None else nodes
+        moments, others = self._moments[:, :, group], self._levels[..., nodes].copy()
+        others[:, group] = 0.0
         for samples, blocks in self._runs:
-            if blocks.stop >= first and blocks.start < last:
+            if blocks.stop >= nodes.start and blocks.start < nodes.stop:
                 moments[blocks] += grid.project(self._weighted(group, samples), blocks, group)
-        return grid.at_nodes(moments)[nodes]
+        return self._at_nodes(moments, group, nodes, others)
+
+    def _at_nodes(self, moments: Floats, orders: Indices, nodes: slice, others: Complexes) -> Floats:
+        grid, elsewhere = self._grid, self._elsewhere[nodes]
+        before = max(nodes.start - 1, 0)
+        blocks, own = slice(before, nodes.stop), slice(nodes.start - before, nodes.stop - before)
+        data = grid.at_nodes(moments[blocks])[own]
+        if elsewhere.any():
+            plain = grid.at_nodes(grid.moments[blocks][:, :, orders])[own]
+            data[elsewhere] = (plain - leaked(grid, others, nodes)[:, :, orders])[elsewhere]
+        return data
 
     def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from math import ceil
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -157,22 +156,23 @@ def track_orders(
             f"rtol={rtol:g} is above {LARGEST_RTOL:g}, where the bound on the error of blocks no longer holds; "
             "choose a smaller one."
         )
-    task = _Task(
-        model=model if estimator == "smoother" else model.with_mean, estimator=estimator, rtol=rtol,
-        output_every=whole(output_every, name="output_every", least=1), noise_variance=noise_variance,
-    )  # fmt: skip
+    every = whole(output_every, name="output_every", least=1)
+    tracked = model if estimator == "smoother" else model.with_mean
     seen, one = ~np.isnan(record), np.ndim(x) == 1
-    chosen = _choose(method, task, seen)
+    chosen = _choose(method, tracked, seen, estimator=estimator, rtol=rtol)
     alike = bool((seen == seen[0]).all())
     parts = [
-        _tracked(task, chosen, record[rows], orders=model.orders.size, name="x" if one else f"x[{rows.start}]")
+        _tracked(
+            tracked, record[rows], noise_variance, orders=model.orders.size, name="x" if one else f"x[{rows.start}]",
+            estimator=estimator, method=chosen, every=every, rtol=rtol,
+        )
         for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
-    ]
+    ]  # fmt: skip
     found = {name: parts[0][1][name] if alike else _joined([own[name] for _, own in parts]) for name in parts[0][1]}
     return OrderTracks(
         std_spacing=parts[0][0].std_spacing,
         orders=model.orders, shafts=shafts, poles=model.poles, estimator=estimator, method=chosen,
-        samples=samples, output_every=task.output_every,
+        samples=samples, output_every=every,
         error_bound=max(estimate.error_bound for estimate, _ in parts),
         **bandwidth, **{name: squeeze(value, one) for name, value in found.items()},
     )  # fmt: skip
@@ -185,16 +185,30 @@ def _joined(channels: list[Any]) -> Any:  # noqa: ANN401
     return np.concatenate([np.pad(values, end, mode="edge") for values, end in zip(channels, ends, strict=True)])
 
 
-def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: str) -> tuple[Estimate, dict[str, Any]]:
+def _tracked(
+    model: HarmonicModel, record: Floats, noise_variance: float | None, *, orders: int, name: str, estimator: Estimator,
+    method: Method, every: int, rtol: float,
+) -> tuple[Estimate, dict[str, Any]]:  # fmt: skip
     """Return the estimate of channels that miss the same samples, and the (channel, ...) fields of the first orders."""
     seen = ~np.isnan(record[0])
-    estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
-    found = statistics(estimate.of_orders(orders), task.noise_variance)
-    if task.noise_variance is None:
-        fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
+    startup = _startup(model, seen, noise_variance, name=name)
+    try:
+        if estimator == "filter":
+            error = Closeness.of(model).ripple if method == "fast" else None
+            estimate = causal_filter(model, record, output_every=every, startup=startup, steady_error=error)
+        elif method == "fast":
+            estimate = fast(model, record, seen, rtol=rtol, output_every=every, startup=startup)
+        else:
+            estimate = exact(model, record, seen, output_every=every, startup=startup, noise_variance=noise_variance)
+    except np.linalg.LinAlgError as error:
+        raise lost(model, method) from error
+    if not estimate.variance.min() > 0:
+        raise lost(model, method)
+    found = statistics(estimate.of_orders(orders), noise_variance)
+    if noise_variance is None:
+        fitted = model.state_size if estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovations.count * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
-        white = found["noise_variance"], max(left, 1.0)
-        density = noise_density(record, seen, task.model, *white)
+        density = noise_density(record, seen, model, found["noise_variance"], max(left, 1.0))
         found["noise_density"], found["noise_freedom"] = (values[:, :orders] for values in density)
     return estimate, found
 
@@ -346,28 +360,10 @@ def vold_kalman_filter(
     )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Task:
-    """The model and the settings that a method gets."""
-
-    model: HarmonicModel
-    estimator: Estimator
-    output_every: int
-    rtol: float
-    noise_variance: float | None
-
-    @cached_property
-    def closeness(self) -> Closeness:
-        """Frequency distances between the orders."""
-        return Closeness.of(self.model)
-
-
-def _startup(task: _Task, seen: Flags, *, name: str) -> int:
+def _startup(model: HarmonicModel, seen: Flags, noise_variance: float | None, *, name: str) -> int:
     """Return the first sample whose innovation counts: after one time constant, or half of a short record."""
-    model = task.model
-    observed = int(np.count_nonzero(seen))
-    needed = 2 * model.state_size
-    if task.noise_variance is None and observed < needed:
+    observed, needed = int(np.count_nonzero(seen)), 2 * model.state_size
+    if noise_variance is None and observed < needed:
         raise ValueError(
             f"{name} has {observed} observed samples of {seen.size}; to estimate the noise beside {model.orders.size} "
             f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples"
@@ -377,54 +373,33 @@ def _startup(task: _Task, seen: Flags, *, name: str) -> int:
     return skipped if observed in (0, seen.size) else int(np.flatnonzero(seen)[skipped])
 
 
-def _choose(method: Method | Literal["auto"], task: _Task, seen: Flags) -> Method:
+def _choose(
+    method: Method | Literal["auto"], model: HarmonicModel, seen: Flags, *, estimator: Estimator, rtol: float
+) -> Method:
     """Return the method to run on channels of which these samples are seen, or refuse one that cannot do it."""
-    model, samples = task.model, task.model.phases[0].size
-    unsteady = _why_unsteady(task) if task.estimator == "filter" and method in ("auto", "fast") else ""
-    if method == "fast" and unsteady:
-        raise ValueError(f'method="fast" with estimator="filter": {unsteady}; use method="exact".')
+    samples, closeness = model.phases[0].size, Closeness.of(model)
+    if estimator == "filter" and method != "exact":
+        unsteady = ""
+        if model.bandwidth.shape[1] > 1:
+            unsteady = "the bandwidth varies, and the gains with it"
+        elif closeness.ripple > LARGEST_RIPPLE:
+            unsteady = (
+                "orders come so close, to one another, to zero or to half of the rate, that steady-state gains would "
+                f"be off by {closeness.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
+            )
+        if method == "fast" and unsteady:
+            raise ValueError(f'method="fast" with estimator="filter": {unsteady}; use method="exact".')
+        # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
+        return "fast" if method == "fast" or not (unsteady or closeness.ripple**2 / 4 > rtol) else "exact"
     if method != "auto":
         return method
-    if task.estimator == "filter":
-        # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
-        return "exact" if unsteady or task.closeness.ripple**2 / 4 > task.rtol else "fast"
     # Measured cost: the phasors, the products of regressors, a smoother cubic in the state a node.
     products = model.order_of_column.size**2 * (2 * model.poles - 1)
     work = samples * (50 * model.orders.size + products + 5 * model.state_size**3 / exact_length(model, samples))
-    length = block_length(model, samples, task.rtol)
-    scattered = not seen.all() and max(scattered_share(own, length) for own in seen) > task.rtol
-    blurs = model.poles > 1 and task.closeness.dwell()  # orders that long blocks may not separate
+    length = block_length(model, samples, rtol)
+    scattered = not seen.all() and max(scattered_share(own, length) for own in seen) > rtol
+    blurs = model.poles > 1 and closeness.dwell()  # orders that long blocks may not separate
     return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs else "fast"
-
-
-def _why_unsteady(task: _Task) -> str:
-    """Return why the filter's gains have no usable steady state, or an empty string."""
-    if task.model.bandwidth.shape[1] > 1:
-        return "the bandwidth varies, and the gains with it"
-    if task.closeness.ripple > LARGEST_RIPPLE:
-        return (
-            "orders come so close, to one another, to zero or to half of the rate, that steady-state gains would be "
-            f"off by {task.closeness.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
-        )
-    return ""
-
-
-def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> Estimate:
-    """Return the estimate of one method for the channels that share a pattern of missing samples."""
-    model, every = task.model, task.output_every
-    try:
-        if task.estimator == "filter":
-            error = task.closeness.ripple if method == "fast" else None
-            return causal_filter(model, x, output_every=every, startup=startup, steady_error=error)
-        if method == "fast":
-            estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
-        else:
-            estimate = exact(model, x, seen, output_every=every, startup=startup, noise_variance=task.noise_variance)
-    except np.linalg.LinAlgError as error:
-        raise lost(model, method) from error
-    if not estimate.variance.min() > 0:
-        raise lost(model, method)
-    return estimate
 
 
 def squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401

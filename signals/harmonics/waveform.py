@@ -1,4 +1,4 @@
-"""Waveforms of tracked orders, and the record without them."""
+"""Waveforms of tracked orders."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from signals._validation import checked, whole
 from signals.harmonics import _block_kernels
-from signals.harmonics._arguments import check_orders, check_record
+from signals.harmonics._arguments import check_orders
 from signals.harmonics.block_grid import pieces_between
 
 if TYPE_CHECKING:
@@ -51,8 +51,9 @@ def order_waveform(
     >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
     >>> x = 1 + 2 * np.cos(3 * phase_rad)  # a mean of 1 and a tone at order 3
     >>> tracks = track_orders(x, phase_rad=phase_rad, orders=[0, 3], bandwidth_hz=2, rate_hz=5000)
-    >>> print(round(np.std(order_waveform(tracks, phase_rad=phase_rad, places=[1])), 3))  # sqrt(2)
-    1.414
+    >>> wave = order_waveform(tracks, phase_rad=phase_rad, places=[1])
+    >>> print(round(np.std(wave), 3), (x - wave)[[0, 2500]].round(3))  # sqrt(2), and the mean
+    1.414 [1. 1.]
     """
     if tracks.first_output > 0 or tracks.sample_index.size == 0:
         raise ValueError(
@@ -80,48 +81,3 @@ def order_waveform(
                 np.empty((2, _block_kernels.PIECE)), wave,
             )  # fmt: skip
     return waves if tracks.complex_amplitude.ndim == 3 else waves[0]  # noqa: PLR2004
-
-
-@checked
-def residual_record(
-    x: ArrayLike,
-    tracks: OrderTracks,
-    *,
-    phase_rad: ArrayLike | Mapping[str, ArrayLike],
-    places: Sequence[int] | None = None,
-) -> Floats:
-    """Return the record without the waveform of some of its orders.
-
-    Parameters
-    ----------
-    x
-        (sample,) or (channel, sample) array, the record that was tracked.
-    tracks, phase_rad, places
-        As for `order_waveform`.
-
-    Returns
-    -------
-    array of the shape of x, NaN where a sample is missing.
-
-    Raises
-    ------
-    ValueError
-        The record has another length than the tracks, or as for `order_waveform`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals.harmonics import residual_record, track_orders
-    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
-    >>> x = 1 + 2 * np.cos(3 * phase_rad)
-    >>> tracks = track_orders(x, phase_rad=phase_rad, orders=[0, 3], bandwidth_hz=2, rate_hz=5000)
-    >>> print(residual_record(x, tracks, phase_rad=phase_rad, places=[1])[[0, 2500]].round(3))  # the mean
-    [1. 1.]
-    """
-    record = check_record(x)
-    if record.shape[1] != tracks.samples:
-        raise ValueError(
-            f"x has {record.shape[1]} samples, but the tracks were made from {tracks.samples}; pass the same record."
-        )
-    rest = record - order_waveform(tracks, phase_rad=phase_rad, places=places)
-    return rest[0] if np.ndim(x) == 1 else rest

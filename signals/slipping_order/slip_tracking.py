@@ -102,10 +102,8 @@ class SlippingTrack:
         of 1000 records with this slip_change_per_rev, so slip_std is too small: increase slip_change_per_rev; "not
         converged": the last step was not yet negligible; "single pass": the filter does not iterate; "no line": the
         false-alarm probability is above 0.01, and the estimates are those of noise.
-    iterations
-        Number of Gauss-Newton steps.
     objective : (step,) array
-        Half the sum of squares at the start and after every step; it never rises.
+        Half the sum of squares at the start and after every Gauss-Newton step; it never rises.
 
     Examples
     --------
@@ -135,7 +133,6 @@ class SlippingTrack:
     innovation_mean_square: float
     false_alarm_probability: float
     status: Status
-    iterations: int
     objective: Floats = field(metadata={"dims": ("step",), "units": "1"})
 
     @property
@@ -292,7 +289,7 @@ def track_slipping_order(
         slip_change_per_rev=float(slip_change_per_rev), bandwidth=float(bandwidth["bandwidth"][0]),
         bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator, noise_variance=noise,
         innovation_mean_square=total / np.count_nonzero(~np.isnan(samples)), status=status, objective=objective,
-        false_alarm_probability=chance, iterations=max(0, objective.size - 1),
+        false_alarm_probability=chance,
     )  # fmt: skip
 
 

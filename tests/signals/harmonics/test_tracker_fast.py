@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import block_smoother, track_orders
+from signals.harmonics import block_smoother, coupling, track_orders
 
 RATE = 10_000.0
 
@@ -218,3 +218,44 @@ def test_lines_within_half_a_bandwidth_of_each_other_are_told_apart_by_both_meth
     )
     assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
     assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+def many_orders(phase, **settings):
+    """Return a record of orders 1 to 24, twenty bandwidths apart, and how they are tracked."""
+    orders = np.arange(1.0, 25.0)
+    x = np.cos(orders[:, None] * phase + orders[:, None]).sum(axis=0)
+    x += np.random.default_rng(5).standard_normal(phase.size)
+    given = {"phase_rad": phase, "orders": orders, "bandwidth_orders": 0.05, "samples_per_rev": 512.0}
+    return x, given | {"output_every": 100, "noise_variance": 1.0} | settings
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_orders_far_apart_are_smoothed_jointly_near_the_ends_alone(poles, monkeypatch):
+    """The passband of one pole falls off slowly: of the next order it passes 0.15 %, more than may be left."""
+    x, settings = many_orders(2 * np.pi / 512 * np.arange(200_000), poles=poles)
+    smooth, shares = coupling.smooth_jointly, []
+
+    def noted(grid, joint, data, smoothed):
+        shares.append(joint.group.size / 24 * (joint.kept.stop - joint.kept.start) / grid.nodes)
+        smooth(grid, joint, data, smoothed)
+
+    monkeypatch.setattr(coupling, "smooth_jointly", noted)
+    track_orders(x, method="fast", **settings)
+    # One bandwidth's worth at either end, of twenty in all, and twice where the orders make up two groups.
+    assert 0 < sum(shares) < 0.25
+
+
+@pytest.mark.parametrize("trouble", ["", "gap", "louder", "speed that varies"])
+def test_orders_far_apart_with_one_pole_are_those_of_the_exact_smoother(trouble):
+    n = np.arange(60_000)
+    x, settings = many_orders(2 * np.pi / 512 * (n - (n**2 / 4 / n.size if trouble == "speed that varies" else 0)))
+    if trouble == "gap":
+        x[25_000:29_000] = np.nan
+    if trouble == "louder":
+        x, settings["noise_variance"] = 1e3 * x, 1e6
+    fast, exact = (track_orders(x, **settings, method=how) for how in ("fast", "exact"))
+    off = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert fast.error_bound <= 1e-3
+    assert np.all(off < fast.error_bound * np.abs(exact.complex_amplitude).max() + 0.01 * exact.std)
+    # What the joint covariance has more is half of what an order's passband lets through of all the others.
+    assert_allclose(fast.std, exact.std, rtol=0.01)

@@ -252,10 +252,10 @@ def test_the_objective_never_rises_and_an_early_end_is_said():
     track = track_slipping_order(x, **setting)
     assert track.status == "converged"
     assert track.converged
-    assert track.iterations == track.objective.size - 1 > 1
+    assert track.objective.size > 2
     assert np.all(np.diff(track.objective) < 0)
     early = track_slipping_order(x, most_iterations=2, **setting)
-    assert (early.status, early.iterations, early.converged) == ("not converged", 2, False)
+    assert (early.status, early.objective.size, early.converged) == ("not converged", 3, False)
 
 
 def test_at_the_end_of_the_record_the_filter_agrees_with_the_smoother():
