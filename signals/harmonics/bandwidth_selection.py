@@ -72,7 +72,7 @@ class ChainLikelihood:
     @cached_property
     def measured(self) -> tuple[Floats, Floats]:
         """Information in the data."""
-        return self.chain.measured(slice(0, self.chain.nodes))
+        return self.chain.measured(slice(0, len(self.chain.data)))
 
     @cached_property
     def noise(self) -> Floats:

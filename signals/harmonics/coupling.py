@@ -96,7 +96,7 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     gram, process = counts[:, :, None, None] / parts, grid.process_noise(group[:1])[:, :1].copy()
     prior = grid.model.subset(group[:1]).prior_variance(step=grid.length)[:, :1]
     before = Information.prior(prior, lanes.shape[3])
-    return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before)
+    return NodeChain(gram=gram, data=lanes, process_noise=process, before=before)
 
 
 class Joint(NamedTuple):
@@ -132,7 +132,6 @@ def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats) -> No
     return NodeChain(
         gram=products,
         data=np.concatenate([parts[:, :, 0], parts[:, :, 1, model.nonzero]], axis=2),
-        nodes=nodes.stop - nodes.start,
         process_noise=process if len(process) == 1 else process[nodes],
         before=Information.prior(model.prior_variance(step=grid.length), len(grid.x)),
     )

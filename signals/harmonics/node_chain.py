@@ -57,7 +57,6 @@ class NodeChain:
     # (node, moment, width, width) moments of the products of the regressors of the levels
     gram: Floats | Callable[[slice], Floats]
     data: Floats  # (node, pole, width, lane) moments of regressors times data
-    nodes: int  # how many
     process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
     before: Information  # on the state at the first node before its data
 
@@ -122,9 +121,9 @@ def smooth_chain(chain: NodeChain) -> SmoothedChain:
     `numpy.linalg.LinAlgError` of information that is not positive definite in double precision.
     """
     (size, lanes), width = chain.before.vector.shape, chain.process_noise.shape[1]
-    length = min(max(isqrt(chain.nodes), KEPT_NUMBERS // (size * (size + lanes))), chain.nodes)
-    segments = [slice(begin, min(begin + length, chain.nodes)) for begin in range(0, chain.nodes, length)]
-    found = np.empty((chain.nodes, width, lanes)), np.empty((chain.nodes, width)), np.empty(chain.nodes)
+    length = min(max(isqrt(len(chain.data)), KEPT_NUMBERS // (size * (size + lanes))), len(chain.data))
+    segments = [slice(begin, min(begin + length, len(chain.data))) for begin in range(0, len(chain.data), length)]
+    found = np.empty((len(chain.data), width, lanes)), np.empty((len(chain.data), width)), np.empty(len(chain.data))
     gains, variances, squares = np.empty((length, width, size)), np.empty((length, width)), np.zeros(lanes)
 
     def filtered(segment: slice, state: Information) -> Floats:

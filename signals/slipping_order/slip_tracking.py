@@ -44,7 +44,7 @@ from signals.slipping_order.slip_detection import SlipRecord, search
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from signals.harmonics.state_space import BandwidthUnits, Complexes, Floats, Indices
+    from signals.harmonics.state_space import Complexes, Floats, Indices
 
 MOST_HARMONICS = 16
 # Largest false-alarm probability of a detected line.
@@ -82,12 +82,6 @@ class SlippingTrack:
         Phase of the fundamental less `order phase`, in rad, zero at the first output.
     sample_index : (output,) array
         Sample number of each output: the middle of its block.
-    order, largest_slip, slip_change_per_rev
-        As given.
-    bandwidth, bandwidth_units
-        Full -3 dB width of the smoother of the amplitude, mean over time, "hz" or "orders".
-    estimator
-        "smoother" (all samples) or "filter" (blocks up to the output).
     noise_variance
         R, as given or as estimated on both sides of the line.
     innovation_mean_square
@@ -123,12 +117,6 @@ class SlippingTrack:
     slip_std: Floats = field(metadata={"dims": ("output",), "units": "1"})
     slip_phase_rad: Floats = field(metadata={"dims": ("output",), "units": "rad"})
     sample_index: Indices = field(metadata={"dims": ("output",), "units": "1"})
-    order: float
-    largest_slip: float
-    slip_change_per_rev: float
-    bandwidth: float
-    bandwidth_units: BandwidthUnits
-    estimator: Estimator
     noise_variance: float
     innovation_mean_square: float
     false_alarm_probability: float
@@ -233,7 +221,7 @@ def track_slipping_order(
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
     check_record(samples, smallest=SMALLEST)
-    model, _, bandwidth, given = check_model(
+    model, *_, given = check_model(
         orders=(positive(order, name="order") * number).tolist(), phase_rad=phase_rad, samples=samples.size, poles=1,
         noise_variance=noise_variance, initial_std=None, bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders,
         rate_hz=rate_hz, samples_per_rev=samples_per_rev,
@@ -285,9 +273,7 @@ def track_slipping_order(
     return SlippingTrack(
         complex_amplitude=unit * amplitude * start, std=unit * std, amplitude_std=unit * amplitude_std,
         phase_std_rad=phase_std, slip=slip, slip_std=slip_std, slip_phase_rad=slip_phase - slip_phase[0],
-        sample_index=centres[outputs], order=float(order), largest_slip=float(largest_slip),
-        slip_change_per_rev=float(slip_change_per_rev), bandwidth=float(bandwidth["bandwidth"][0]),
-        bandwidth_units=bandwidth["bandwidth_units"], estimator=estimator, noise_variance=noise,
+        sample_index=centres[outputs], noise_variance=noise,
         innovation_mean_square=total / np.count_nonzero(~np.isnan(samples)), status=status, objective=objective,
         false_alarm_probability=chance,
     )  # fmt: skip
