@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime, tzinfo
-from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,26 +21,32 @@ Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
 
 
+@dataclass(eq=False)
 class ArraysOnDisk(Mapping[str, Field]):
-    """Fields by name, whose arrays are read on first access and kept.
+    """Fields by name, whose arrays are read on access.
 
-    Parameters
+    Attributes
     ----------
+    path, kind : Path and str
+        The file, and what it should be, for errors.
     described : mapping of str to tuple of int or str
         By name, the shape of an array, or a phrase that describes what is not numeric.
     read : callable
-        Returns the array of a name.
+        Returns the array of a name; cached, so that it is read once.
     """
 
-    def __init__(
-        self, described: Mapping[str, tuple[int, ...] | str], read: Callable[[str], NDArray[np.generic]]
-    ) -> None:
-        self.described, self._read = described, lru_cache(maxsize=None)(read)
+    path: Path
+    kind: str
+    described: Mapping[str, tuple[int, ...] | str]
+    read: Callable[[str], NDArray[np.generic]]
 
     def __getitem__(self, name: str) -> Field:
         """Return the array, or the phrase."""
         found = self.described[name]
-        return found if isinstance(found, str) else self._read(name)
+        if isinstance(found, str):
+            return found
+        with parsing(self.path, self.kind):
+            return self.read(name)
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names."""

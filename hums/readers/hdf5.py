@@ -1,6 +1,7 @@
 """HDF5 files of other programs: every array under its path, with the metadata in its attributes."""
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
         return _unpacked(np.atleast_1d(read_values), attributes[name])
 
     stated = {name: stated_of(own) for name, own in attributes.items()}
-    return ForeignFile(path=path, fields=ArraysOnDisk(described, values), stated=stated)
+    return ForeignFile(path=path, fields=ArraysOnDisk(path, "an HDF5 file", described, cache(values)), stated=stated)
 
 
 def _read_netcdf3(path: Path, most_bytes: int | None) -> ForeignFile:

@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,7 @@ def _read_hdf5(path: Path, most_bytes: int | None) -> tuple[Mapping[str, Field],
         return np.asarray(read_array(path, places[name], most_bytes=most_bytes)).T  # arrays are in column-major order
 
     plain = {name: value for name, value in values.items() if value is not None}
-    return ArraysOnDisk(described, read_values), plain
+    return ArraysOnDisk(path, "a MATLAB file", described, cache(read_values)), plain
 
 
 def _hdf5_elements(contents: Any, name: str, item: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401

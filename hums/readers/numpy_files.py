@@ -3,7 +3,7 @@
 import math
 import zipfile
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, parsing, phrase_of, stated_of
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, phrase_of, stated_of
 from hums.readers.description import ImportDescription
 from hums.records._netcdf import refuse_size
 
@@ -28,7 +28,8 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
     with zipfile.ZipFile(path) as archive:
         described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
     read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, spec.most_bytes)
-    fields = ArraysOnDisk({name: phrase or shape for name, (shape, _, phrase) in described.items()}, read_member)
+    shapes = {name: phrase or shape for name, (shape, _, phrase) in described.items()}
+    fields = ArraysOnDisk(path, "a NumPy file", shapes, cache(read_member))
     longest_text = 1000  # bytes
     scalars = (name for name, (shape, size, _) in described.items() if math.prod(shape) == 1 and size < longest_text)
     stated = {"": stated_of({name: read_member(name).reshape(-1)[0].item() for name in scalars})}
@@ -59,6 +60,6 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 def _member(path: Path, sizes: Mapping[str, int], most_bytes: int | None, name: str) -> NDArray[np.generic]:
     refuse_size(sizes[name], f'{path}: "{name}"', path.stat().st_size, most_bytes=most_bytes)
-    with parsing(path, "a NumPy file of numbers"), np.load(path, allow_pickle=False) as contents:
+    with np.load(path, allow_pickle=False) as contents:
         values: NDArray[np.generic] = contents[name]
     return values if values.shape else values.reshape(1)

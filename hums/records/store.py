@@ -8,7 +8,8 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -37,8 +38,6 @@ from hums.records.validation import check_record
 from signals._validation import checked, plain_text
 
 _CHUNK = 65536  # values: half a megabyte of float64, which fits HDF5's cache of a megabyte
-# errors of HDF5 and its readers on damaged bytes
-_READ_ERRORS = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError)
 
 
 @checked
@@ -118,20 +117,19 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     file = existing_file(path)
     opened = _opened(file, _check_schema, create_default_indexes=False)["/"]  # indexes would load the time axes
-    try:
-        record = attach_time(opened)
-        if isinstance(record.attrs.get("machine"), str):
-            record.attrs["machine"] = plain_text(record.attrs["machine"])
-        for dim in record.dims:
-            if dim in record.coords and dim not in record.xindexes:
-                record = record.set_xindex([dim])
-        check_record(record)
-    except RecordError as error:
-        opened.close()
-        raise RecordError(f"{file}: {error}") from error
-    except _READ_ERRORS as error:
-        opened.close()
-        raise _damaged(file, error) from error
+    with _reading(file), ExitStack() as closing:
+        closing.callback(opened.close)
+        try:
+            record = attach_time(opened)
+            if isinstance(record.attrs.get("machine"), str):
+                record.attrs["machine"] = plain_text(record.attrs["machine"])
+            for dim in record.dims:
+                if dim in record.coords and dim not in record.xindexes:
+                    record = record.set_xindex([dim])
+            check_record(record)
+        except RecordError as error:
+            raise RecordError(f"{file}: {error}") from error
+        closing.pop_all()
     record.set_close(opened.close)
     return record
 
@@ -220,26 +218,27 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
             f"{file} is not an HDF5 file, so not a record. "
             f"Convert it to one: hums convert {quote(file.name)} record.h5 ..."
         )
-    contents = None
-    try:
-        contents = h5py.File(file, mode="r")
+    with _reading(file), ExitStack() as closing:
+        try:
+            contents = closing.enter_context(h5py.File(file, mode="r"))
+        except (PermissionError, BlockingIOError) as error:
+            raise RecordError(
+                f"{file} cannot be read now ({error}); check its permissions and whether a program is writing it."
+            ) from error
         refuse_reaching_out(contents)
-    except RecordError:
-        _close(contents)
-        raise
-    except (PermissionError, BlockingIOError) as error:
-        raise RecordError(
-            f"{file} cannot be read now ({error}); check its permissions and whether a program is writing it."
-        ) from error
-    except _READ_ERRORS as error:
-        _close(contents)
-        raise _damaged(file, error) from error
+        closing.pop_all()
     return contents
 
 
-def _close(contents: h5py.File | None) -> None:
-    if contents is not None:
-        contents.close()
+@contextmanager
+def _reading(file: Path) -> Iterator[None]:
+    """Turn the errors of HDF5 and its readers on damaged bytes into a `RecordError`."""
+    try:
+        yield
+    except RecordError:
+        raise
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+        raise _damaged(file, error) from error
 
 
 def is_array(item: object) -> bool:
@@ -253,16 +252,13 @@ def read_array(path: str | os.PathLike[str], where: str, *, most_bytes: int | No
     Raises
     ------
     RecordError
-        If it cannot be read, or declares more bytes than the file plausibly holds or than `most_bytes`.
+        If it declares more bytes than the file plausibly holds or than `most_bytes`.
+    OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError
+        On damaged bytes.
     """
     with open_hdf5(path) as contents:
-        try:
-            refuse_too_large(contents[where], most_bytes=most_bytes)
-            return contents[where][()]
-        except RecordError:
-            raise
-        except (*_READ_ERRORS, MemoryError) as error:
-            raise _damaged(Path(path), error) from error
+        refuse_too_large(contents[where], most_bytes=most_bytes)
+        return contents[where][()]
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
@@ -301,16 +297,13 @@ def _opened(
     **options: Any,  # noqa: ANN401
 ) -> dict[str, xr.Dataset]:
     files = CachingFileManager(open_hdf5, existing_file(path))
-    try:
+    with _reading(Path(path)), ExitStack() as closing:
+        closing.callback(files.close)
         with files.acquire_context() as contents:
             check(contents)
-        return open_netcdf(files, **options)
-    except RecordError:
-        files.close()
-        raise
-    except _READ_ERRORS as error:
-        files.close()
-        raise _damaged(Path(path), error) from error
+        groups = open_netcdf(files, **options)
+        closing.pop_all()
+    return groups
 
 
 def _check_schema(contents: h5py.File) -> None:
