@@ -5,7 +5,6 @@ a note of the names, sizes and times of its files, so that an interrupted conver
 changed is converted again. Files that cannot be read are listed in ``refused.csv``.
 """
 
-import csv
 import hashlib
 import json
 import re
@@ -19,6 +18,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+import pandas as pd
 import xarray as xr
 
 from hums.jobs import Job, Serial, Workers, locked, run_jobs
@@ -348,7 +348,7 @@ def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: boo
     """Remove the notes of pieces that changed or no longer exist, mark the others, and return whether any went."""
     names = {job.name: job for job in jobs}
     given = {file[0] for job in jobs for file in job.item["files"]}
-    notes = {note: _read_note(note) for note in (folder / _PIECES).glob("*.json")}
+    notes = {note: own_json(note) for note in (folder / _PIECES).glob("*.json")}
     others = [file for there in notes.values() for file in there.get("files", []) if file not in given]
     if left := [file for file in others if Path(file).is_file()]:
         raise RecordError(
@@ -370,21 +370,10 @@ def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: boo
     return gone
 
 
-def _read_note(note: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads(note.read_text(encoding="utf-8")))
-    except ValueError:
-        return {}
-
-
 def _write_refused(folder: Path, refused: Mapping[str, str]) -> None:
-    with (
-        atomic_write(folder / _REFUSED) as part,
-        part.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
-    ):
-        table = csv.writer(stream)
-        table.writerow(["file", "reason"])
-        table.writerows([plain_cell(file), plain_cell(reason)] for file, reason in refused.items())
+    table = pd.DataFrame(refused.items(), columns=["file", "reason"], dtype=object).map(plain_cell)
+    with atomic_write(folder / _REFUSED) as part:
+        table.to_csv(part, index=False, errors="backslashreplace")
 
 
 # ---- a piece ---------------------------------------------------------------------------------------------------------

@@ -110,24 +110,14 @@ def refuse_reaching_out(file: h5py.File) -> None:
             )
 
 
-def refuse_too_large(item: h5py.Dataset, *, most_bytes: int | None) -> None:
-    """Refuse to read an array that declares far more than its file can hold, or than `most_bytes`."""
-    refuse_size(
-        item.size * item.dtype.itemsize,
-        f'{item.file.filename}: "{_shown(item.name)}"',
-        item.file.id.get_filesize(),
-        most_bytes=most_bytes,
-    )
-
-
 def refuse_size(declared: int, what: str, file_bytes: int, *, most_bytes: int | None) -> None:
-    """Refuse an array that declares more bytes than a file of its size plausibly holds, or than `most_bytes`."""
+    """Refuse to read an array that declares far more bytes than its file can hold, or than `most_bytes`."""
     # 64 MB are always read; beyond that, 100 times the file's size is possible only if values hardly vary
     most = max(1 << 26, 100 * file_bytes) if most_bytes is None else most_bytes
     if declared > most:
         raise RecordError(
-            f"{what} declares {declared:.3g} bytes in a file of {file_bytes:.3g}; at most {most:.3g} are read. If that "
-            "is correct, allow it by most_bytes=... in an import description (-d)."
+            f"{_shown(what)} declares {declared:.3g} bytes in a file of {file_bytes:.3g}; at most {most:.3g} are read. "
+            "If that is correct, allow it by most_bytes=... in an import description (-d)."
         )
 
 

@@ -25,6 +25,7 @@ from signals._validation import brief, checked
 
 INDEX, LABELS, SCHEMA = "index.h5", "labels.csv", "hums-dataset/1"
 SHARD = "shards/{:06d}.h5"
+_KEPT = ("machine", "rate_hz", "start_s", "average_of", "samples_per_rev", "averaged_over")  # of the records
 _BEGUN = {"plan.toml": "hums dataset", "conversion.json": "hums convert"}  # files written before the index
 
 
@@ -89,8 +90,7 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
             dtype=np.dtype(layout["dtype"]),
         )
         variables[name] = xr.Variable(("record", *layout["dims"]), indexing.LazilyIndexedArray(values), layout["attrs"])
-    kept = ("schema", "machine", "rate_hz", "start_s", "average_of", "samples_per_rev", "averaged_over", "plan")
-    attrs = {name: index.attrs[name] for name in kept if name in index.attrs}
+    attrs = {name: index.attrs[name] for name in ("schema", *_KEPT, "plan") if name in index.attrs}
     dataset = xr.Dataset(variables, attrs=attrs)
     times = attach_time(dataset.isel(record=0)).coords  # the same for all records, and not stored
     return dataset.assign_coords(times).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
@@ -182,10 +182,9 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
     table = xr.concat(tables, "record")
     rows = {int(path.stem): len(one["record"]) for path, one in zip(shards, tables, strict=True)}
     each = [rows.get(number, 0) for number in range(max(rows) + 1)]
-    kept = ("machine", "rate_hz", "start_s", "average_of", "samples_per_rev", "averaged_over")
     table.attrs = {
         "schema": SCHEMA,
-        **{name: attrs[name] for name in kept if name in attrs},
+        **{name: attrs[name] for name in _KEPT if name in attrs},
         "plan": plan,
         "shards": SHARD,
         "shard_starts": np.concatenate([[0], np.cumsum(each)[:-1]]),

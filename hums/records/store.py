@@ -28,7 +28,7 @@ from hums.records._netcdf import (
     is_unchanged,
     open_netcdf,
     refuse_reaching_out,
-    refuse_too_large,
+    refuse_size,
     write_netcdf,
 )
 from hums.records.channels import ANGLE, attach_time, detach_time, kind_of, layout_of, other_layout, stacked
@@ -257,8 +257,9 @@ def read_array(path: str | os.PathLike[str], where: str, *, most_bytes: int | No
         On damaged bytes.
     """
     with open_hdf5(path) as contents:
-        refuse_too_large(contents[where], most_bytes=most_bytes)
-        return contents[where][()]
+        item = contents[where]
+        refuse_size(item.nbytes, f'{path}: "{where}"', contents.id.get_filesize(), most_bytes=most_bytes)
+        return item[()]
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
@@ -325,20 +326,15 @@ def _check_schema(contents: h5py.File) -> None:
 
 def _warn_if_changed(file: Path, contents: h5py.File) -> None:
     """Warn if names, shapes or attributes differ from those that were written."""
-    unchanged = is_unchanged(contents)
-    if unchanged is None:
-        warnings.warn(
-            f"{file} was written by another program or an older version: its attributes have no checksum.",
-            RecordWarning,
-            stacklevel=3,
-        )
-    elif not unchanged:
-        warnings.warn(
-            f"{file} was changed after it was written: names, shapes or attributes do not match their checksum; "
-            "compare it with the original.",
-            RecordWarning,
-            stacklevel=3,
-        )
+    if unchanged := is_unchanged(contents):
+        return
+    why = (
+        "was written by another program or an older version: its attributes have no checksum."
+        if unchanged is None
+        else "was changed after it was written: names, shapes or attributes do not match their checksum; compare it "
+        "with the original."
+    )
+    warnings.warn(f"{file} {why}", RecordWarning, stacklevel=3)
 
 
 def _refuse_lost_samples(file: Path, name: str, item: object) -> None:

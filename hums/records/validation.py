@@ -252,18 +252,12 @@ def _check_pulses(what: str, times_s: NDArray[np.float64]) -> None:
     bad = np.flatnonzero(~np.isfinite(times_s))
     if bad.size:
         raise RecordError(f"{what}: pulse {bad[0]} is at {times_s[bad[0]]}; omit pulses whose time is unknown.")
-    backwards = np.flatnonzero(np.diff(times_s) <= 0)
-    if backwards.size:
-        at = backwards[0]
-        equal = times_s[at + 1] == times_s[at]
-        how = (
-            f"two of its times are equal: pulses {at} and {at + 1} are both at {times_s[at]:.9g} s"
-            if equal
-            else f"its times run backwards: pulse {at + 1} is at {times_s[at + 1]:.9g} s, pulse {at} at "
-            f"{times_s[at]:.9g} s"
-        )
+    repeated = np.flatnonzero(np.diff(times_s) <= 0)
+    if repeated.size:
+        at = repeated[0]
         raise RecordError(
-            f"{what}: {how} ({backwards.size} such pulses of {times_s.size}). Remove repeated pulses; "
-            "if these are samples of the tachometer signal and not times, give them as a "
-            "TachometerWaveform (on the command line --tach-waveform)."
+            f"{what}: its times must increase, but pulse {at} is at {times_s[at]:.9g} s and pulse {at + 1} at "
+            f"{times_s[at + 1]:.9g} s ({repeated.size} such pulses of {times_s.size}). Remove repeated pulses; if "
+            "these are samples of the tachometer signal and not times, give them as a TachometerWaveform "
+            "(on the command line --tach-waveform)."
         )
