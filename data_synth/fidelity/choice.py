@@ -34,8 +34,8 @@ _NOTHING_DB = -150.0
 _MARGIN_DB, _MODES_PASSED = 3.0, 4.0
 """Margin below the floor for neglected terms; and the ratio of the power of the lag to its value at the instants,
 between which the speed may pass modes."""
-_Place = tuple[int, int, Array, ComplexArray]
-"""A mesh at an instant: their numbers, and frequency in Hz and excitation in N of its lines."""
+_Excited = tuple[ToothForces, Array, ComplexArray]
+"""A mesh: its exciting force, and frequency in Hz and excitation in N of its lines at all instants, (instant, line)."""
 _STENCIL = 0.25  # of the relative half-bandwidth of a mode: the step of second differences
 
 
@@ -87,7 +87,7 @@ class _Estimate:
     """Error of the linear response of gears, as mean powers in the channels, (sensor,)."""
 
     motion: Motion
-    _known: dict[int, tuple[ToothForces, list[_Place]]] = field(default_factory=dict, init=False)
+    _known: dict[int, _Excited] = field(default_factory=dict, init=False)
 
     @cached_property
     def _response(self) -> Response:
@@ -101,39 +101,25 @@ class _Estimate:
             return [0]
         return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
 
-    def _excited_by(self, mesh: int) -> tuple[ToothForces, list[_Place]]:
-        """Return the exciting force of a mesh, and its lines at every instant."""
+    def _excited_by(self, mesh: int) -> _Excited:
         if mesh not in self._known:
-            instants, speed_hz = self._instants, self.motion.stage.speed_hz
             force = tooth_forces(self.motion, self.motion.system.meshes[mesh].name, points=COARSE)
-            lines = self._response.excitations(force, instants).T
-            both = zip(instants, lines, strict=True)
-            places = [(mesh, instant, force.orders * speed_hz[instant], excitation) for instant, excitation in both]
-            self._known[mesh] = force, places
+            frequency_hz = np.outer(self.motion.stage.speed_hz[self._instants], force.orders)
+            self._known[mesh] = force, frequency_hz, self._response.excitations(force, self._instants).T
         return self._known[mesh]
 
     @cached_property
-    def _forces(self) -> list[ToothForces]:
-        return [self._excited_by(mesh)[0] for mesh in range(len(self.motion.system.meshes))]
-
-    @cached_property
-    def _places(self) -> list[_Place]:
-        """Every mesh at every instant."""
-        return [place for mesh in range(len(self._forces)) for place in self._excited_by(mesh)[1]]
+    def _meshes(self) -> list[_Excited]:
+        return [self._excited_by(mesh) for mesh in range(len(self.motion.system.meshes))]
 
     @cached_property
     def _transfers(self) -> list[ComplexArray]:
-        """Lines in the channels per N of force of each mesh at each instant."""
-        return [self._response.channels(mesh, frequency_hz) for mesh, _, frequency_hz, _ in self._places]
-
-    def _deflections(self, place: _Place) -> ComplexArray:
-        """Return the lines of the deflections of all meshes in m, (mesh, line), by the force of one at an instant."""
-        mesh, _, frequency_hz, excitation = place
-        return self._response.deflections_by(mesh, frequency_hz) * excitation
+        """Lines in the channels per N of force of each mesh, (sensor, instant, line)."""
+        return [self._response.channels(mesh, frequency_hz) for mesh, (_, frequency_hz, _) in enumerate(self._meshes)]
 
     def _mean(self, lines: list[ComplexArray]) -> Array:
         """Return the power (sensor,) of the lines of all meshes, averaged over the instants."""
-        powers = [np.sum(np.abs(each) ** 2, axis=1) / 2 for each in lines]
+        powers = [np.sum(np.abs(each) ** 2, axis=(1, 2)) / 2 for each in lines]
         return np.asarray(np.sum(powers, axis=0) / len(self._instants))
 
     def teeth_part(self) -> bool:
@@ -141,23 +127,22 @@ class _Estimate:
 
         Meshes that repeat after few cycles have few lines, and come first.
         """
-        static_n, meshes = np.abs(self.motion.static_n), self.motion.system.meshes
+        static_n, meshes = np.abs(self.motion.static_n[:, self._instants]), self.motion.system.meshes
         total, free = np.zeros(static_n.shape), [mesh.backlash_m > 0 for mesh in meshes]
         for mesh in sorted(range(len(meshes)), key=lambda number: period_of(meshes[number])):
-            force, places = self._excited_by(mesh)
+            force, frequency_hz, excitation = self._excited_by(mesh)
             if np.min(force.stiffness) < MIN_STIFFNESS * self._response.means[mesh]:
                 return True
-            for place in places:
-                lines = self._response.means[:, None] * self._deflections(place)
-                lines[mesh] += place[-1]  # k (d - e) = k_mean d + q
-                total[:, place[1]] += np.sum(np.abs(lines), axis=1)
-            if np.any((total >= static_n)[free][:, self._instants]):
+            lines = self._response.means[:, None, None] * self._response.deflections_by(mesh, frequency_hz) * excitation
+            lines[mesh] += excitation  # k (d - e) = k_mean d + q
+            total += np.sum(np.abs(lines), axis=2)
+            if np.any((total >= static_n)[free]):
                 return True
         return False
 
     def error_db(self) -> float:
         """Return the relative RMS error of the worst channel in dB."""
-        both = zip(self._transfers, self._places, strict=True)
+        both = zip(self._transfers, self._meshes, strict=True)
         power = self._mean([transfer * excitation for transfer, (*_, excitation) in both])
         error = self._lag() + self._other_variation()
         with np.errstate(divide="ignore"):
@@ -174,11 +159,12 @@ class _Estimate:
         """
         scene, found = self.motion.stage.scene, np.zeros(len(self.motion.stage.scene.sensors))
         grid_hz = np.linspace(0.0, scene.rate_hz / 2, _BINS)
-        for other, force in enumerate(self._forces):
+        for other, (force, *_) in enumerate(self._meshes):
             gain = np.mean(np.abs(self._response.channels(other, grid_hz)) ** 2, axis=1) * np.var(force.stiffness)
-            for place in self._places:
-                if place[0] != other:
-                    found += gain * np.sum(np.abs(self._deflections(place)[other]) ** 2) / 2 / len(self._instants)
+            for mesh, (_, frequency_hz, excitation) in enumerate(self._meshes):
+                if mesh != other:
+                    deflection = self._response.deflections_by(mesh, frequency_hz)[other] * excitation
+                    found += gain * np.sum(np.abs(deflection) ** 2) / 2 / len(self._instants)
         return found
 
     def _lag(self) -> Array:
@@ -188,13 +174,12 @@ class _Estimate:
         Syst. Tech. J. 16, 513).
         """
         stage, poles = self.motion.stage, self._response.poles
-        rates = np.gradient(stage.speed_hz, stage.instants_s)
-        share = _STENCIL * float(np.min(-poles.real / np.abs(poles)))
         if len(self._instants) == 1:
             return np.zeros(len(stage.scene.sensors))
-        found = []
-        for (mesh, instant, frequency_hz, excitation), middle in zip(self._places, self._transfers, strict=True):
+        share, found = _STENCIL * float(np.min(-poles.real / np.abs(poles))), []
+        rates, speed_hz = np.gradient(stage.speed_hz, stage.instants_s)[self._instants], stage.speed_hz[self._instants]
+        for mesh, (_, frequency_hz, excitation) in enumerate(self._meshes):
             low, high = (self._response.channels(mesh, frequency_hz * factor) for factor in (1 - share, 1 + share))
-            late = rates[instant] / (2 * np.pi * frequency_hz * stage.speed_hz[instant] * share**2)
-            found.append(late / 2 * (low - 2 * middle + high) * excitation)
+            late = rates[:, None] / (2 * np.pi * frequency_hz * speed_hz[:, None] * share**2)
+            found.append(late / 2 * (low - 2 * self._transfers[mesh] + high) * excitation)
         return _MODES_PASSED * self._mean(found)

@@ -108,10 +108,10 @@ class Response:
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
+        """Return the complex amplitudes in the channels for 1 N of p at frequencies (...), (sensor, ...)."""
         readings = self._resolvent(frequency_hz) @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh]
-        outputs = np.zeros((len(self.motion.stage.scene.sensors), frequency_hz.size), dtype=np.complex128)
-        for reading, (channel, response) in zip(readings.T, self._routes, strict=True):
+        outputs = np.zeros((len(self.motion.stage.scene.sensors), *frequency_hz.shape), dtype=np.complex128)
+        for reading, (channel, response) in zip(np.moveaxis(readings, -1, 0), self._routes, strict=True):
             outputs[channel] += reading * response(frequency_hz)
         return outputs
 
@@ -193,12 +193,12 @@ class Response:
         return spectral_lines((q - p)[::forward], forces.orders.size)
 
     def deflections_by(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, line)."""
-        return np.asarray((self.deflections * self.inputs[:, mesh]) @ self._resolvent(frequency_hz).T)
+        """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, ...)."""
+        return np.moveaxis(self._resolvent(frequency_hz) @ (self.deflections * self.inputs[:, mesh]).T, -1, 0)
 
     def _resolvent(self, frequency_hz: Array) -> ComplexArray:
-        """Return the response (line, pole) of each pole to a unit of its excitation."""
-        return np.asarray(1 / (2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[:, None] - self.poles))
+        """Return the response (..., pole) of each pole to a unit of its excitation."""
+        return np.asarray(1 / (2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None] - self.poles))
 
 
 def _periodic(
