@@ -211,7 +211,7 @@ def dataset_cost(plan: Plan) -> DatasetCost:
         scene, trial_s = plan.scene(number), plan.table.detectability_s
         own = explain(scene)
         seconds.append(own.seconds)
-        truth.append(own.truth_bytes * np.dtype(plan.dtype).itemsize / BYTES)
+        truth.append(own.truth_bytes * np.dtype(plan.table.dtype).itemsize / BYTES)
         if trial_s is not None and scene.faults:
             healthy = scene.changed(faults=(), duration_s=min(trial_s, scene.duration_s))
             seconds.append(explain(healthy).seconds)
@@ -239,7 +239,7 @@ def write_records(plan_text: str, shard: int, path: Path) -> None:
     made = [_simulated(plan, number) for number in numbers]
     records, rows = [record for record, _ in made], [row for _, row in made]
     labels = {name: [row[name] for row in rows] for name in rows[0]}
-    write_shard(records, path, labels=labels, dtype=plan.dtype)
+    write_shard(records, path, labels=labels, dtype=plan.table.dtype)
 
 
 @lru_cache(maxsize=4)

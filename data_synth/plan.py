@@ -5,6 +5,7 @@ named after its place in the scene (``speed.rpm``, ``fault.1.depth_mm``) or by `
 The scene of a record is that of the plan, modified by ``[change]``, then by its machine, then by its class.
 """
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -164,21 +165,11 @@ class Plan:
         """Number of records."""
         return self.table.records
 
-    @property
-    def seed(self) -> int:
-        """Seed of the dataset, from which the seeds of the records are derived."""
-        return self.table.seed
-
-    @property
-    def dtype(self) -> str:
-        """Data type in which samples are stored."""
-        return self.table.dtype
-
     @cached_property
     def record_bytes(self) -> int:
         """Size of the samples of one record on disk, in bytes."""
         scene = self.scene(0)
-        return len(scene.sensors) * scene.samples * np.dtype(self.dtype).itemsize
+        return len(scene.sensors) * scene.samples * np.dtype(self.table.dtype).itemsize
 
     @property
     def records_per_shard(self) -> int:
@@ -297,7 +288,7 @@ class Plan:
         """
         table, _ = self._resolved(number, given)
         scene = Scene.from_mapping(table, where=f'record {number}, class "{self.class_of(number)}"')
-        return scene if self._history is None else self._history.scene(scene, number, seed=self.seed)
+        return scene if self._history is None else self._history.scene(scene, number, seed=self.table.seed)
 
     def seed_of(self, number: int) -> int:
         """Return the seed with which a record is simulated.
@@ -319,7 +310,7 @@ class Plan:
         >>> plan.seed_of(0) == plan.seed_of(0), plan.seed_of(0) == plan.seed_of(1)
         (True, False)
         """
-        return derived_seed(self.seed, number)
+        return derived_seed(self.table.seed, number)
 
     def machine_seed_of(self, number: int) -> int | None:
         """Return the seed shared by all records of the machine of a record; None if the plan has no machines.
@@ -342,7 +333,9 @@ class Plan:
         machine = self.machine_of(number)
         if machine is not None:
             return derived_seed(self._machine_seed, machine.name)
-        return None if self._history is None else derived_seed(self.seed, "machine", self._history.machine(number))
+        return (
+            None if self._history is None else derived_seed(self.table.seed, "machine", self._history.machine(number))
+        )
 
     def labels(self, number: int) -> dict[str, Any]:
         """Return class, seed and all labels of a record except ``detectability_db``, which requires a simulation.
@@ -368,18 +361,16 @@ class Plan:
         damaged = " + ".join(fault["component"] for fault in table.get("fault", ()))
         found: dict[str, Any] = {"class": self.class_of(number), "class_number": self._class_index(number)}
         found |= {"component": damaged, "seed": self.seed_of(number)}
-        found |= {} if self.machines else {"split": self._split(number)}
-        if machine is not None:
+        if machine is None:
+            found["split"] = self._split(number)
+        else:
             found |= {"machine": machine.name, "machine_seed": self.machine_seed_of(number)}
-        if any(each.split for each in self.machines):
-            found["split"] = machine.split if machine is not None else ""
+            found |= {"split": machine.split} if any(each.split for each in self.machines) else {}
         for label, is_text in self.label_is_text.items():
-            if label in values:
-                found[label] = values[label] if is_text else float(values[label])
-            else:
-                found[label] = "" if is_text else float("nan")
+            value = values.get(label, "" if is_text else math.nan)
+            found[label] = value if is_text else float(value)
         if self._history is not None:
-            state = self._history.state(number, seed=self.seed)
+            state = self._history.state(number, seed=self.table.seed)
             found |= {"machine": self._history.machine(number)} if machine is None else {}
             found["machine_seed"] = self.machine_seed_of(number)
             found |= {f"history.{key}": x for key, x in state.items()}
@@ -437,7 +428,7 @@ class Plan:
             label = str(draw.label)
             if draw.each == "machine":
                 return float(random_stream(self._machine_seed, "machine", of_machine, label).random())
-            return float(random_stream(self.seed, number, label).random())
+            return float(random_stream(self.table.seed, number, label).random())
 
         draws = Draws(template.named, probability, given)
         return draws.resolved(template.tree), draws.labels
@@ -477,7 +468,7 @@ class Plan:
 
     @property
     def _machine_seed(self) -> int:
-        return self.seed if self.table.machine_seed is None else self.table.machine_seed
+        return self.table.seed if self.table.machine_seed is None else self.table.machine_seed
 
     @cached_property
     def _cycle(self) -> tuple[int, ...]:

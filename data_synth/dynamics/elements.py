@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Place = tuple[str, str]  # a body and one of its motions
 _SAME_GEARS = 1e-6
+_YOUNG_PA, _POISSON = 206e9, 0.3  # of steel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +164,7 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Shaft:
-    """A round shaft between the centres of two coaxial bodies: a massless Timoshenko beam.
+    """A round steel shaft between the centres of two coaxial bodies: a massless Timoshenko beam.
 
     Its six deformations are independent and form six springs: axial EA/L, torsional GJ/L, and in each plane the
     symmetric bending EI/L of ``t2 - t1`` and the antisymmetric bending ``3 EI / (L (1 + Phi))`` of ``t1 + t2 - 2 (v2 -
@@ -177,11 +178,6 @@ class Shaft:
         The bodies at its ends.
     diameter_m, bore_m : float
         Outer and inner diameter in m.
-    length_m : float or None
-        Length in m; the distance between the centres if left out. Any other length gives torsion only, without bending
-        and tension.
-    young_pa, poisson : float
-        Young's modulus in Pa and Poisson's ratio; steel if left out.
     damping_s : float
         Damping over stiffness in s.
 
@@ -191,9 +187,9 @@ class Shaft:
 
     >>> import math
     >>> from data_synth.dynamics import Body, Shaft, build_system
-    >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("motor", "pinion")]
-    >>> shaft = Shaft(between=("motor", "pinion"), diameter_m=0.05, length_m=0.4, young_pa=206e9, poisson=0.3)
-    >>> stiffness = build_system(rotors, [shaft]).stiffness[0, 0]
+    >>> turning = {"inertia_kgm2": 0.1, "motions": ("rotation",)}
+    >>> rotors = [Body(name="motor", **turning), Body(name="pinion", centre_m=(0, 0, 0.4), **turning)]
+    >>> stiffness = build_system(rotors, [Shaft(between=("motor", "pinion"), diameter_m=0.05)]).stiffness[0, 0]
     >>> math.isclose(stiffness, 206e9 / 2.6 * math.pi * 0.05**4 / (32 * 0.4))
     True
     """
@@ -201,49 +197,30 @@ class Shaft:
     between: tuple[str, str]
     diameter_m: float
     bore_m: float = 0.0
-    length_m: float | None = None
-    young_pa: float = 206e9
-    poisson: float = 0.3
     damping_s: float = 0.0
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
         """Yield a spring for each deformation the bodies' motions allow; raise ValueError if the length is zero."""
-        one, other = (coordinates.body(name) for name in self.between)
-        span = np.asarray(other.centre_m) - np.asarray(one.centre_m)
-        distance = float(np.linalg.norm(span))
-        length = distance if self.length_m is None else self.length_m
+        (a, b), bodies = self.between, [coordinates.body(name) for name in self.between]
+        here, there = (np.asarray(body.centre_m) for body in bodies)
+        length = float(np.linalg.norm(there - here))
         if not length > 0:
-            raise ValueError(
-                f"shaft {' - '.join(self.between)}: the centres of its bodies coincide; give length_m for torsion "
-                "alone, or centre_m of each body."
-            )
-        along = span / distance if distance else one.rotation_axis("rotation")
-        deformations = self._deformations(coordinates, along, length, bends=math.isclose(distance, length))
-        yield from _springs(deformations, self.damping_s)
-
-    def _deformations(
-        self, coordinates: Coordinates, along: Array, length: float, *, bends: bool
-    ) -> Iterator[tuple[float, Array]]:
-        """Yield stiffness and deflection row of torsion, tension and bending in two planes."""
-        a, b = self.between
-        tension, shear, bending, torsion = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
-        yield torsion / length, coordinates.rotation_row(b, a, along)
-        if not bends:
-            return
+            raise ValueError(f"shaft {a} - {b}: the centres of its bodies coincide; give centre_m of each body.")
 
         def stretch(direction: Array) -> Array:
-            there, here = (coordinates.body(name).centre_m for name in (b, a))
             return coordinates.displacement_row(b, None, there, direction) - coordinates.displacement_row(
                 a, None, here, direction
             )
 
-        yield tension / length, stretch(along)
-        shear_factor = 1 + 12 * bending / (shear * length**2)
-        for across in (coordinates.body(a).rotation_axis("tilt x"), coordinates.body(a).rotation_axis("tilt y")):
+        tension, shear, bending, torsion = _section(self.diameter_m, self.bore_m)
+        along, shear_factor = (there - here) / length, 1 + 12 * bending / (shear * length**2)
+        found = [(torsion / length, coordinates.rotation_row(b, a, along)), (tension / length, stretch(along))]
+        for across in (bodies[0].rotation_axis("tilt x"), bodies[0].rotation_axis("tilt y")):
             about = np.cross(along, across)  # v' = t about this
             tilts = coordinates.rotation_row(a, None, about), coordinates.rotation_row(b, None, about)
-            yield bending / length, tilts[1] - tilts[0]
-            yield 3 * bending / (length * shear_factor), tilts[0] + tilts[1] - 2 * stretch(across) / length
+            found.append((bending / length, tilts[1] - tilts[0]))
+            found.append((3 * bending / (length * shear_factor), tilts[0] + tilts[1] - 2 * stretch(across) / length))
+        yield from _springs(found, self.damping_s)
 
 
 def _springs(deformations: Iterable[tuple[float, Array]], damping_s: float) -> Iterator[Spring]:
@@ -253,18 +230,18 @@ def _springs(deformations: Iterable[tuple[float, Array]], damping_s: float) -> I
             yield Spring(direction=row, stiffness=value, damping=damping_s * value)
 
 
-def _section(diameter_m: float, bore_m: float, young_pa: float, poisson: float) -> tuple[float, float, float, float]:
-    """Return EA in N, kappa G A in N, EI in N m2 and GJ in N m2 of a round section."""
+def _section(diameter_m: float, bore_m: float) -> tuple[float, float, float, float]:
+    """Return EA in N, kappa G A in N, EI in N m2 and GJ in N m2 of a round steel section."""
     area = math.pi / 4 * (diameter_m**2 - bore_m**2)
     second_moment = math.pi / 64 * (diameter_m**4 - bore_m**4)
-    shear_pa = young_pa / (2 * (1 + poisson))
-    kappa = 6 * (1 + poisson) / (7 + 6 * poisson)
-    return young_pa * area, kappa * shear_pa * area, young_pa * second_moment, 2 * shear_pa * second_moment
+    shear_pa = _YOUNG_PA / (2 * (1 + _POISSON))
+    kappa = 6 * (1 + _POISSON) / (7 + 6 * _POISSON)
+    return _YOUNG_PA * area, kappa * shear_pa * area, _YOUNG_PA * second_moment, 2 * shear_pa * second_moment
 
 
 @dataclass(frozen=True, kw_only=True)
 class BearingShaft:
-    """A round shaft between two bearings that carries a body: a massless, simply supported Timoshenko beam.
+    """A round steel shaft between two bearings that carries a body: a massless, simply supported Timoshenko beam.
 
     Attributes
     ----------
@@ -272,8 +249,6 @@ class BearingShaft:
         Outer and inner diameter in m.
     to_bearings_m : pair of float
         Distances in m from the centre of the body to the bearings before and behind it along its axis.
-    young_pa, poisson : float
-        Young's modulus in Pa and Poisson's ratio; steel if left out.
 
     Examples
     --------
@@ -282,7 +257,7 @@ class BearingShaft:
 
     >>> import math
     >>> from data_synth.dynamics import BearingShaft
-    >>> shaft = BearingShaft(diameter_m=0.01, to_bearings_m=(0.5, 0.5), young_pa=206e9)
+    >>> shaft = BearingShaft(diameter_m=0.01, to_bearings_m=(0.5, 0.5))
     >>> radial, tilt, ahead_m = shaft.on_bearings(1e15)
     >>> math.isclose(radial, 48 * 206e9 * math.pi * 0.01**4 / 64, rel_tol=1e-3), abs(ahead_m) < 1e-12
     (True, True)
@@ -291,8 +266,6 @@ class BearingShaft:
     diameter_m: float
     bore_m: float = 0.0
     to_bearings_m: tuple[float, float]
-    young_pa: float = 206e9
-    poisson: float = 0.3
 
     def on_bearings(self, radial: float) -> tuple[float, float, float]:
         """Return the equivalent support of the body in either plane, for bearings of `radial` N/m each.
@@ -302,7 +275,7 @@ class BearingShaft:
         2012, Formulas for Stress and Strain, table 8.1) with shear, plus that of the bearings.
         """
         (a, b), length = self.to_bearings_m, sum(self.to_bearings_m)
-        _, shear, bending, _ = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
+        _, shear, bending, _ = _section(self.diameter_m, self.bore_m)
         slant = np.array([[b, a], [-1.0, 1.0]]) / length  # displacement and tilt of the body per bearing displacement
         bent = np.array([[a * a * b * b, a * b * (b - a)], [a * b * (b - a), a * a - a * b + b * b]])
         compliance = bent / (3 * bending * length) + np.diag([a * b, 1.0]) / (shear * length) + slant @ slant.T / radial

@@ -286,8 +286,10 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
         given = parts.mesh(contact)
         speed = parts.relative_speed(contact.links[0], contact.carrier)
         driving_speed = speed if driving[contact.name] == 0 else -speed
-        stiffness, error = _with_planet_phase(parts, contact, given)
-        friction = _friction(parts, contact, given, driver=driving[contact.name])
+        lag = planet_phase_lag(parts.kinematics, contact, speeds=parts.speeds)
+        stiffness = given.stiffness or Constant(mean=contact.equivalent_pair.mean_stiffness())
+        stiffness, error = delayed(stiffness, given.error, lag)
+        friction = _friction(contact, given, driver=driving[contact.name], lag=float(lag))
         common: dict[str, Any] = {
             "name": contact.name,
             "stiffness": stiffness,
@@ -312,7 +314,7 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
         yield GearMesh(gears=gears, direction=direction, point_m=point, friction=friction, **common)
 
 
-def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: int) -> SlidingFriction | None:
+def _friction(contact: Contact, given: MeshProperties, *, driver: int, lag: float) -> SlidingFriction | None:
     """Return the sliding friction of a contact with its driver first, or None."""
     if not given.friction_coefficient:
         return None
@@ -324,7 +326,6 @@ def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: 
         )
     if driver == 1:
         pair = replace(pair, teeth=pair.teeth[::-1], profile_shift=pair.profile_shift[::-1])
-    lag = float(planet_phase_lag(parts.kinematics, contact, speeds=parts.speeds))
     return SlidingFriction(
         gears=pair, coefficient=given.friction_coefficient, by_cycles=(given.friction_cycles - lag) % 1.0
     )
@@ -362,18 +363,16 @@ def _rank(reached: list[str], body: str) -> int:
     return reached.index(body) if body in reached else len(reached)
 
 
-def _with_planet_phase(
-    parts: Parts, contact: Contact, given: MeshProperties
+def delayed(
+    stiffness: Stiffness, error: TransmissionError | None, lag: Fraction
 ) -> tuple[Stiffness, TransmissionError | None]:
-    """Return stiffness and transmission error, delayed by the phase of the contact's planet."""
-    stiffness = given.stiffness or Constant(mean=contact.equivalent_pair.mean_stiffness())
-    lag = planet_phase_lag(parts.kinematics, contact, speeds=parts.speeds)
+    """Return stiffness and transmission error of a mesh, delayed by a lag in mesh cycles."""
     by = float(-lag % stiffness.period)
     if by:
         stiffness = Shifted(of=stiffness, by_cycles=by)
-    if given.error is None or not lag:
-        return stiffness, given.error
-    return stiffness, SumOfErrors(parts=(given.error,), by_cycles=float(-lag % given.error.period))
+    if error is not None and lag:
+        error = SumOfErrors(parts=(error,), by_cycles=float(-lag % error.period))
+    return stiffness, error
 
 
 def _body_of(parts: Parts, contact: Contact, gear: int) -> str | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from data_synth.dynamics.parts import MeshProperties, power_flow
+from data_synth.dynamics.parts import MeshProperties, delayed, power_flow
 from data_synth.dynamics.placement import Contact, contacts_of, opposite_mesh_lead, planet_of, planet_phase_lag
 from data_synth.dynamics.system import MeshHistory
 from data_synth.gears.lost_contact import LoadSharing, declared_errors, modification_errors, modified_teeth
@@ -203,19 +203,14 @@ def _teeth(
     except ValueError as caught:
         names = [f"fault {item.number + 1}, {scene.faults[item.number].kind}" for item in broken]
         raise SceneError(f'{" and ".join(names)} of mesh "{contact.mesh}": {caught}.') from None
-    late = float(planet_phase_lag(kinematics, contact))
+    lag = planet_phase_lag(kinematics, contact)
     given = any(each.parts for each in errors)
-    history = (
-        MeshHistory(
-            times_s=times_s,
-            stiffnesses=tuple(Shifted(of=each, by_cycles=-late % each.period) for each in stiffnesses),
-            errors=tuple(
-                SumOfErrors(parts=(each,), by_cycles=-late % each.period) if given else None for each in errors
-            ),
-        )
-        if len(stages) > 1
-        else None
-    )
+    both = zip(stiffnesses, errors, strict=True)
+    late = [delayed(stiffness, error if given else None, lag) for stiffness, error in both]
+    history = None
+    if len(stages) > 1:
+        of_stages, errors_of_stages = zip(*late, strict=True)
+        history = MeshHistory(times_s=times_s, stiffnesses=of_stages, errors=errors_of_stages)
     return Teeth(
         properties=MeshProperties(
             stiffness=stiffnesses[0],
@@ -224,7 +219,7 @@ def _teeth(
             friction_coefficient=declared.friction_coefficient,
             friction_cycles=later,
         ),
-        passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
+        passes=tuple((item.number, item.first + half - later + float(lag), item.teeth, 2 * half) for item in broken),
         history=history,
     )
 

@@ -430,7 +430,6 @@ def motion_of(stage: PreparedScene) -> Motion:
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
     acting = drive_load_of(stage, kinematics, system)
-    sensor_forces = sensor_forces_of(stage, whole, numbers)
     fastest = float(np.max(angular))
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:
@@ -439,12 +438,7 @@ def motion_of(stage: PreparedScene) -> Motion:
     displacements, static_n = static_deflection(
         system, acting.forces(stage.speed_hz, stage.instants_s).T, errors_m=errors_m
     )
-    maps, statics = sensor_forces.output.maps, {"displacement": displacements, "mesh_force": static_n}
-    sensor_forces = replace(
-        sensor_forces,
-        static_n={mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)},
-        static_readings=np.sum([maps[name] @ value for name, value in statics.items() if name in maps], axis=0),
-    )
+    sensor_forces = sensor_forces_of(stage, whole, numbers, displacements=displacements, static_n=static_n)
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),

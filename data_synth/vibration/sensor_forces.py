@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from data_synth.dynamics.assembly import Assembly
 from data_synth.dynamics.placement import planet_angle, planet_of
-from data_synth.dynamics.system import Array
+from data_synth.dynamics.system import Array, spring_matrices
 from data_synth.integrators.problem import Output
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.kinematic.planet_pass import PassWindow, pass_window
@@ -198,7 +198,7 @@ class SensorForces:
     carriers : mapping of carrier to (ratio, offset)
         Revolutions per revolution of the reference, and initial angle in revolutions.
     static_n : mapping of mesh to (instant,) array
-        Static mesh forces under the load at the instants of the truth, without omitted meshes.
+        Static mesh forces under the load at the instants of the truth.
     static_readings : (reading, instant) array
         Static part of the readings. It is subtracted on declared paths: an accelerometer does not measure it, but a
         mode of unit static gain would transmit it.
@@ -213,8 +213,8 @@ class SensorForces:
     passing: tuple[PassingMesh, ...] = ()
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
-    static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
-    static_readings: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    static_n: Mapping[str, Array] = field(repr=False)
+    static_readings: Array = field(repr=False)
     late_s: float = 0.0
 
     @property
@@ -245,10 +245,7 @@ class SensorForces:
         for passes in self.passing:
             assert self.window is not None  # noqa: S101 - planets pass by it
             cosine, sine = waves[passes.carrier]
-            static = np.zeros(1)
-            if passes.contact in self.static_n:
-                static = self.static_n[passes.contact]
-                static = np.interp(times_s - self.late_s, self.stage.instants_s, static)
+            static = np.interp(times_s - self.late_s, self.stage.instants_s, self.static_n[passes.contact])
             dynamic = readings[:, passes.reading] - static
             gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
             along = cosine * passes.first + sine * passes.second + passes.axial
@@ -279,7 +276,9 @@ class SensorForces:
         return loads
 
 
-def sensor_forces_of(stage: PreparedScene, whole: Assembly, numbers: NDArray[np.int_]) -> SensorForces:
+def sensor_forces_of(
+    stage: PreparedScene, whole: Assembly, numbers: NDArray[np.int_], *, displacements: Array, static_n: Array
+) -> SensorForces:
     """Return the forces of a scene's gears at its sensors.
 
     Parameters
@@ -289,6 +288,8 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, numbers: NDArray[np.
         Assembly with all degrees of freedom.
     numbers : (dof,) int array
         Numbers of the degrees of freedom that are integrated among all.
+    displacements, static_n : (dof, instant), (mesh, instant) arrays
+        Static displacements and mesh forces under the load at the instants of the truth.
     """
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
@@ -337,9 +338,12 @@ def sensor_forces_of(stage: PreparedScene, whole: Assembly, numbers: NDArray[np.
                         axial=float(force @ [0.0, 0.0, z]),
                     )
                 )
+    by_displacement, _, by_mesh_force = rows.maps
     return SensorForces(
         stage=stage,
         output=rows.output(scene.rate_hz),
+        static_n={mesh.name: force for mesh, force in zip(whole.system.meshes, static_n, strict=True)},
+        static_readings=by_displacement @ displacements + by_mesh_force @ static_n,
         routes=routes,
         passing=tuple(passing),
         window=window,
@@ -384,11 +388,7 @@ class _Readings:
         self._whole, self._numbers, dofs = whole, numbers, len(whole.coordinates.names)
         self._names = [mesh.name for mesh in whole.system.meshes]
         self._rows = list[tuple[Array, Array, Array]]()
-        self._springs, self._dampers = np.zeros((2, dofs, dofs))
-        for spring in whole.grounded:
-            between = np.outer(spring.direction, spring.direction)
-            self._springs += spring.stiffness * between
-            self._dampers += spring.damping * between
+        self._springs, self._dampers = spring_matrices(whole.grounded, dofs)
 
     def add(self, directions: Mapping[str, Array], gains: dict[str, float], *, ring: bool) -> None:
         """Add the forces of the supports along the directions of the frames of their bodies.

@@ -56,7 +56,7 @@ def test_the_first_frequency_of_a_beam_on_simple_supports():
 
 def test_a_rotor_beside_the_middle_gives_way_as_the_textbook_has_it():
     a, b = 0.2, 0.5
-    radial, tilt, ahead_m = BearingShaft(diameter_m=0.01, to_bearings_m=(a, b), young_pa=STEEL_PA).on_bearings(1e15)
+    radial, tilt, ahead_m = BearingShaft(diameter_m=0.01, to_bearings_m=(a, b)).on_bearings(1e15)
     # a force bends it by a^2 b^2 / (3 EI L), and tilts it by a b (b - a) / (3 EI L)
     displaced, tilted = 1 / radial + ahead_m**2 / tilt, -ahead_m / tilt
     assert_allclose(displaced, a**2 * b**2 / (3 * bending_nm2(0.01) * (a + b)), rtol=1e-3)
