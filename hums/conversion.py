@@ -12,7 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from functools import cache
 from os import PathLike
 from pathlib import Path
@@ -158,14 +158,13 @@ def _time_of(name: str, pattern: str, time_zone: str | None) -> str:
             f'{name} does not match time_in_names = "{pattern}"; write it as in "data-%Y%m%dT%H%M%SZ", with the '
             "directives of strptime."
         )
-    if moment.tzinfo is None and _STATES_UTC.search(pattern):
-        moment = moment.replace(tzinfo=UTC)
-    if moment.tzinfo is None and time_zone is None:
+    moment = in_zone(moment, "UTC" if _STATES_UTC.search(pattern) else time_zone)
+    if moment.tzinfo is None:
         raise RecordError(
             f'"{pattern}" does not state the UTC offset of {moment.isoformat()}: state time_zone, "Europe/Berlin", '
             '"+01:00" or "UTC", in an import description (-d); or write %z in the pattern, or Z for UTC.'
         )
-    return utc_text(in_zone(moment, time_zone) if moment.tzinfo is None and time_zone else moment)
+    return utc_text(moment)
 
 
 def _numbered(files: Sequence[SourceFile], every_s: float, began: datetime) -> list[SourceFile]:

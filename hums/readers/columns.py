@@ -273,8 +273,16 @@ def zone_of(name: str) -> tzinfo:
         raise RecordError(f'time_zone="{name}" is not a name such as "Europe/Berlin" or "+01:00".{likely}') from None
 
 
-def in_zone(moment: datetime, name: str) -> datetime:
-    """Return a local time with its UTC offset; raise RecordError if a clock change makes it ambiguous or impossible."""
+def in_zone(moment: datetime, name: str | None) -> datetime:
+    """Return a local time with its UTC offset, if a zone is named and the time has none.
+
+    Raises
+    ------
+    RecordError
+        If a clock change makes it ambiguous or impossible.
+    """
+    if moment.tzinfo is not None or not name:
+        return moment
     first, second = (moment.replace(tzinfo=zone_of(name), fold=fold) for fold in (0, 1))
     if first.utcoffset() != second.utcoffset():
         raise RecordError(
@@ -286,14 +294,14 @@ def in_zone(moment: datetime, name: str) -> datetime:
 
 def located(file: ForeignFile, zone: str | None) -> ForeignFile:
     """Return a file with its local times in a time zone; without one, they are dropped with a note."""
-    epochs = {name: one.epoch for name, one in file.stated.items() if one.epoch is not None}
-    local = {name: epoch for name, epoch in epochs.items() if epoch.tzinfo is None}
-    known = {name: in_zone(epoch, zone) if zone else None for name, epoch in local.items()}
-    stated = {name: replace(file.stated[name], epoch=epoch) for name, epoch in known.items()}
-    for name in () if zone else local:
-        note = f"states the local time {local[name].isoformat()}, which is ignored without time_zone"
-        stated[name] = replace(stated[name], notes=(*stated[name].notes, note))
-    return replace(file, stated={**file.stated, **stated})
+    stated = dict(file.stated)
+    for name, one in file.stated.items():
+        epoch = None if one.epoch is None else in_zone(one.epoch, zone)
+        if epoch is not None and epoch.tzinfo is None:
+            note = f"states the local time {epoch.isoformat()}, which is ignored without time_zone"
+            epoch, one = None, replace(one, notes=(*one.notes, note))  # noqa: PLW2901
+        stated[name] = replace(one, epoch=epoch)
+    return replace(file, stated=stated)
 
 
 # ---- metadata in attributes, properties, scalars and lines above a table ------------------------------------------

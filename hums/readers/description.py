@@ -160,9 +160,8 @@ class ImportDescription(Declared):
         """Time of the record with its UTC offset; RecordError if neither it nor `time_zone` states the offset."""
         if self.recorded_at is None:
             return None
-        moment = datetime.fromisoformat(self.recorded_at)
-        located = in_zone(moment, self.time_zone) if self.time_zone and moment.tzinfo is None else moment
-        return datetime.fromisoformat(utc_text(located))
+        moment = in_zone(datetime.fromisoformat(self.recorded_at), self.time_zone)
+        return datetime.fromisoformat(utc_text(moment))
 
     def units_of(self, name: str) -> str | None:
         """Return the declared units of a channel."""

@@ -18,7 +18,7 @@ from signals._validation import checked
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 MEASURED_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -101,22 +101,11 @@ class AngularAverage:
     samples_per_rev: int
     averaged_over: int | None = None
 
-    def __post_init__(self) -> None:
-        """Check the fields."""
-        if not isinstance(self.component, str) or not self.component:
-            raise RecordError(f"component={self.component!r}: name the link over whose revolution is averaged.")
-        for name, least in (("samples_per_rev", 8), ("averaged_over", 1)):  # three orders, and the passband's margin
-            value = getattr(self, name)
-            if value is None and name == "averaged_over":
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-                raise RecordError(f"{name}={value!r}: a whole number of at least {least} is needed.")
-
     @property
     def attrs(self) -> dict[str, Any]:
         """Attributes of the record."""
-        averaged = {} if self.averaged_over is None else {"averaged_over": int(self.averaged_over)}
-        return {"average_of": self.component, "samples_per_rev": int(self.samples_per_rev), **averaged}
+        averaged = {} if self.averaged_over is None else {"averaged_over": self.averaged_over}
+        return {"average_of": self.component, "samples_per_rev": self.samples_per_rev, **averaged}
 
 
 def quantity_units(units: object, what: str) -> tuple[str, float]:
@@ -137,14 +126,21 @@ def measured_variable(measured: Measured, *, name: str, rate_hz: float, start_s:
     if np.ndim(measured.values) == 0:
         number = float(real_vector(np.atleast_1d(np.asarray(measured.values)), what)[0])
         return xr.Variable((), number * factor, attrs)
-    own = rate_hz if measured.rate_hz is None else measured.rate_hz
-    held, *_ = held_times(measured.values, what=what, rate_hz=own, start_s=start_s)
+    own_hz = rate_hz if measured.rate_hz is None else measured.rate_hz
+    held, *_ = held_times(measured.values, what=what, rate_hz=own_hz, start_s=start_s)
     values = real_vector(held, what)
     values = values if factor == 1 else np.multiply(values, values.dtype.type(factor))
-    rate = rate_hz if measured.rate_hz is None else positive_number(measured.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
-    if rate == rate_hz:
+    own_hz = positive_number(own_hz, f"{what}: rate_hz", RATE_REMEDY)
+    return along_time(name, values, attrs, own_hz=own_hz, rate_hz=rate_hz, start_s=start_s)
+
+
+def along_time(
+    name: str, values: NDArray[Any], attrs: Mapping[str, Any], *, own_hz: float, rate_hz: float, start_s: float
+) -> xr.Variable:
+    """Return samples along the time axis of a record or, at another rate, along their own."""
+    if own_hz == rate_hz:
         return xr.Variable("time", values, attrs)
-    return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": rate, "start_s": start_s})
+    return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": own_hz, "start_s": start_s})
 
 
 def mean_quantities(record: xr.Dataset) -> dict[str, tuple[float, str]]:

@@ -31,7 +31,7 @@ from hums.records.fields import (
     start_number,
     utc_text,
 )
-from hums.records.quantities import AngularAverage, Measured, measured_variable
+from hums.records.quantities import AngularAverage, Measured, along_time, measured_variable
 from hums.records.validation import check_record
 from signals._validation import plain_text
 
@@ -283,7 +283,6 @@ def make_record(
                 "a synchronous average has no sampling rate in Hz, start time or truth; omit rate_hz (--rate-hz), "
                 "start_s and truth, or use the record it was averaged from."
             )
-        _refuse_own_rates(declared)
         rate, required = 1.0, dict(angle.attrs)
     else:
         declared, rate_hz, start = _with_own_times(declared, rate_hz=rate_hz, start_s=start)
@@ -298,12 +297,7 @@ def make_record(
         variables[name] = measured_variable(quantity, name=name, rate_hz=rate, start_s=start)
         if isinstance(angle, AngularAverage) and variables[name].ndim:
             raise RecordError(f'measured "{name}": a synchronous average has no time axis; give one number, the mean.')
-    if isinstance(angle, AngularAverage):
-        variables = {
-            name: xr.Variable(ANGLE, one.values, one.attrs) if one.ndim else one for name, one in variables.items()
-        }
-    else:
-        _check_lengths(variables)
+    if not isinstance(angle, AngularAverage):
         for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
             _check_new(name, variables)
             _check_not_vibration(name, variable, variables)
@@ -318,18 +312,12 @@ def make_record(
     _refuse_clash(required, attrs)
     if isinstance(angle, UnknownAngle):
         required["angle"] = UNKNOWN_ANGLE
-    record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
+    record = xr.Dataset(variables, attrs={**required, **(attrs or {})})
+    angular = {dim: ANGLE for dim in record.dims if dim == "time" and isinstance(angle, AngularAverage)}
+    record = attach_time(record.rename_dims(angular))
     record = _with_truth(record, _by_name(truth, "truth"))
     check_record(record)
     return record
-
-
-def _refuse_own_rates(channels: Mapping[str, Channel]) -> None:
-    for name, channel in channels.items():
-        if channel.rate_hz is not None:
-            raise RecordError(
-                f'channel "{name}": rate_hz={channel.rate_hz!r}; a synchronous average has none, omit it.'
-            )
 
 
 def _by_name(given: Mapping[str, Any] | None, argument: str) -> Mapping[str, Any]:
@@ -397,12 +385,8 @@ def _channel_variable(
     if channel.direction is not None:
         attrs["direction"] = direction_of(channel.direction, what)
     attrs |= _calibration(channel, what)
-    own_rate = rate_hz
-    if channel.rate_hz is not None:
-        own_rate = positive_number(channel.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
-    if own_rate == rate_hz:
-        return xr.Variable("time", values, attrs)
-    return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": own_rate, "start_s": start_s})
+    own_hz = rate_hz if channel.rate_hz is None else positive_number(channel.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
+    return along_time(name, values, attrs, own_hz=own_hz, rate_hz=rate_hz, start_s=start_s)
 
 
 def _calibration(channel: Channel, what: str) -> dict[str, float | str]:

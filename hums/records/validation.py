@@ -65,20 +65,22 @@ def check_record(record: xr.Dataset) -> None:
 
 def _check_average(record: xr.Dataset) -> None:
     """Refuse a synchronous average that is not of whole revolutions, or has a source of shaft angle."""
-    per_rev = record.attrs["samples_per_rev"]
-    if not isinstance(per_rev, Integral) or per_rev < 1:
-        raise RecordError(f"attribute samples_per_rev={plain_repr(per_rev)}: a positive whole number is needed.")
+    for attr, least in (("samples_per_rev", 8), ("averaged_over", 1)):  # 8: three orders, and the passband's margin
+        value = record.attrs.get(attr, least)
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+            raise RecordError(f"{attr}={plain_repr(value)}: a whole number of at least {least} is needed.")
     if not isinstance(record.attrs.get("average_of"), str) or not record.attrs["average_of"]:
-        raise RecordError("attribute average_of: name the component over whose revolution is averaged.")
+        raise RecordError("component (attribute average_of): name the link over whose revolution is averaged.")
     if tachometers(record) or nominal_speed(record) is not None:
         raise RecordError("a synchronous average has no tachometer and no speed; omit them.")
     for name in vibration_channels(record):
         count = record[name].size
         if record[name].dims != (ANGLE,):
             raise RecordError(
-                f'channel "{name}": dimensions {record[name].dims}; a synchronous average has one, "angle".'
+                f'channel "{name}": dimensions {record[name].dims}; a synchronous average has one, "angle", and no '
+                "rate_hz of a channel; omit it."
             )
-        if count % per_rev:
+        if count % (per_rev := int(record.attrs["samples_per_rev"])):
             raise RecordError(
                 f'channel "{name}": {count} samples are {count / per_rev:.6g} revolutions of {per_rev} samples; an '
                 "average must have whole revolutions. Correct samples_per_rev, or cut the samples."

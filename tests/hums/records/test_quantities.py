@@ -84,7 +84,10 @@ def test_an_average_lies_over_revolutions(tmp_path):
     [
         ({"rate_hz": 1000}, "no sampling rate"),
         ({"values": np.ones(200)}, "1.5625 revolutions"),
-        ({"values": Channel(values=np.ones(128), units="g", rate_hz=5), "units": None}, "has none, omit it"),
+        (
+            {"values": Channel(values=np.ones(128), units="g", rate_hz=5), "units": None},
+            "no rate_hz of a channel; omit it",
+        ),
         ({"measured": {"x": Measured(values=np.ones(256), units="N")}}, "give one number"),
         ({"units": None}, "no units"),
     ],
@@ -105,7 +108,7 @@ def test_averages_that_are_refused(changes, said):
 )
 def test_declarations_that_are_refused(declared, said):
     with pytest.raises(RecordError, match=said):
-        AngularAverage(**declared)
+        make_record({"vib": np.ones(128)}, angle=AngularAverage(**declared), units="1")
 
 
 def test_an_average_has_no_speed():
