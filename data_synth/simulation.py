@@ -304,10 +304,10 @@ def _clean(prepared: PreparedScene, *, only: tuple[str, str] | None = None, samp
     return signal
 
 
-def _gear_vibration(motion: Motion, *, samples: int) -> Array:
+def _gear_vibration(motion: Motion, *, samples: int, steps: int) -> Array:
     """Return the response of the sensors to the vibration of the gears, (sensor, n)."""
     signal, at = np.empty((len(motion.stage.scene.sensors), samples)), 0
-    for block in motion.channels(samples=samples):
+    for block in motion.channels(samples=samples, steps=steps):
         signal[:, at : at + block.shape[1]] = block
         at += block.shape[1]
     for sensor, values in zip(motion.stage.scene.sensors, signal, strict=True):
@@ -324,13 +324,12 @@ def _with_gears(
     Return its lines, the first `kept` samples of the signal, and the vibration (sensor, n).
     """
     steps, samples = motion.steps(), prepared.scene.samples
-    gear_signal = sound_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
+    gear_signal = sound_signal = _gear_vibration(motion, samples=samples, steps=steps)
     signal += gear_signal
     free = _free_vibration(motion, gear_signal, steps=steps)
     if damaged := any(isinstance(fault, GearFault) for fault in prepared.scene.faults):
-        sound = prepared.without_faults()
-        sound_motion = replace(motion_of(sound), steps_per_sample=steps)
-        sound_signal = _gear_vibration(sound_motion, samples=max(kept, samples_compared(prepared, prepared.scene)))
+        compared = max(kept, samples_compared(prepared, prepared.scene))
+        sound_signal = _gear_vibration(motion_of(prepared.without_faults()), samples=compared, steps=steps)
     sound_forced = sound_signal - free[:, : sound_signal.shape[1]]
     measured = gear_lines(prepared, gear_signal - free, sound=sound_forced if damaged else None)
     power, whole = np.mean(free**2, axis=1), np.var(gear_signal, axis=1)
@@ -353,7 +352,7 @@ def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
     forced = motion.without_free_vibration()
     if forced is None:
         return np.zeros_like(signal)
-    return signal - _gear_vibration(replace(forced, steps_per_sample=steps), samples=signal.shape[1])
+    return signal - _gear_vibration(forced, samples=signal.shape[1], steps=steps)
 
 
 def _by_source(prepared: PreparedScene, gear_signal: Array | None) -> dict[str, xr.DataArray]:
@@ -483,7 +482,7 @@ def _noise_free(
     signal = _clean(prepared, samples=samples)
     if motion is not None and of_gears is None and not (choice is not None and choice.linear):
         steps = motion.steps() if steps is None else steps
-        of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
+        of_gears = _gear_vibration(motion, samples=samples, steps=steps)
     return NoiseFree(signal=signal if of_gears is None else signal + of_gears, steps=steps)
 
 

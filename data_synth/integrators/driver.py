@@ -122,7 +122,7 @@ def integrate_blocks(problem: Problem, *, output: Output, steps: int, block: int
         if value < 1:
             raise ValueError(f"{name} = {value} must be at least 1.")
     a, rate_hz = assemble(problem), output.rate_hz
-    stepper, x = Stepper.of(a, output, steps), a.modal(problem.start)
+    stepper, x = Stepper(a, output, steps), a.modal(problem.start)
     refused = _too_coarse(a, output, steps)
     if refused is not None:
         raise refused
@@ -142,7 +142,7 @@ def integrate_blocks(problem: Problem, *, output: Output, steps: int, block: int
             raise IntegrationError(
                 detail, "check load and damping, since the motion itself grows, or take more steps per sample"
             )
-        yield Integration(times_s=times_s, values=values, final=a.physical(x), steps_per_sample=steps)
+        yield Integration(times_s=times_s, values=values, final=a.physical(x))
         number, values = number + values.shape[0], values[:0]
 
 
@@ -249,7 +249,7 @@ def _shares(assembled: Assembled, output: Output) -> Array:
 
 def _trial_run(assembled: Assembled, output: Output, steps: int, samples: int) -> Array:
     """Return the channels of the first samples."""
-    stepper, x = Stepper.of(assembled, output, steps), assembled.modal(assembled.problem.start)
+    stepper, x = Stepper(assembled, output, steps), assembled.modal(assembled.problem.start)
     stepper.at_start(x)
     return stepper.advance(x, 0, samples)
 

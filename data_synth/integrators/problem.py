@@ -249,8 +249,6 @@ class Integration:
         Channels in the units of their maps.
     final : State
         State at the last sample.
-    steps_per_sample : int
-        Integration steps per sample.
 
     Examples
     --------
@@ -272,4 +270,3 @@ class Integration:
     times_s: Array = field(metadata={"dims": ("time",), "units": "s"})
     values: Array = field(metadata={"dims": ("time", "channel"), "units": "of the maps"})
     final: State
-    steps_per_sample: int

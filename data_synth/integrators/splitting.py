@@ -17,7 +17,6 @@ step if a channel shows it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,32 +56,34 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Stepper:
     """Integrates from sample to sample, with the exact flow over a step.
 
-    ``rows`` (channels, 2 n) are those of the output over x. `next_weighted` (meshes,), the known part of the next
-    weighted mesh forces, is the stepper's state in addition to x.
+    Parameters
+    ----------
+    assembled : Assembled
+    output : Output
+    per_sample : int
+        Number of steps per sample.
+
+    Attributes
+    ----------
+    rows : (channels, 2 n) array
+        Rows of the output over x.
+    next_weighted : (meshes,) array
+        Known part of the next weighted mesh forces: the stepper's state in addition to x.
+
+    Raises
+    ------
+    ValueError
+        For maps of the wrong shape.
     """
 
-    assembled: Assembled
-    output: Output
-    per_sample: int
-    rows: Array
-    flow: StepFlow
-    next_weighted: Array
-
-    @classmethod
-    def of(cls, assembled: Assembled, output: Output, per_sample: int) -> Stepper:
-        """Return the stepper for a number of steps per sample; raise ValueError for maps of the wrong shape."""
-        return cls(
-            assembled=assembled,
-            output=output,
-            per_sample=per_sample,
-            rows=channel_rows(assembled, output),
-            flow=_flow_over(assembled, 1 / (output.rate_hz * per_sample)),
-            next_weighted=np.zeros(assembled.backlashes.size),
-        )
+    def __init__(self, assembled: Assembled, output: Output, per_sample: int) -> None:
+        self.assembled, self.output, self.per_sample = assembled, output, per_sample
+        self.rows = channel_rows(assembled, output)
+        self.flow = _flow_over(assembled, 1 / (output.rate_hz * per_sample))
+        self.next_weighted = np.zeros(assembled.backlashes.size)
 
     def at_start(self, x: Array) -> Array:
         """Return the channels (1, channels) of the first state, and initialise the weighted mesh forces."""

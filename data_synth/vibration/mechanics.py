@@ -63,7 +63,7 @@ def mechanics_truth(motion: Motion) -> dict[str, xr.DataArray]:
         mesh_force=np.eye(3 * contacts + len(turning) + len(supports))[:, 2 * contacts : 3 * contacts],
     )
     values = np.empty((output.channels, scene.samples))
-    for block, numbers in motion.blocks(output, samples=scene.samples):
+    for block, numbers in motion.blocks(output, samples=scene.samples, steps=motion.steps()):
         kept = (numbers >= 0) & (numbers % motion.oversampling == 0)
         values[:, numbers[kept] // motion.oversampling] = block.values[kept].T
     turned, deflection, mesh_force, vibration, pressed = np.split(

@@ -124,9 +124,13 @@ _TERMS = 6
 _LAG = _TERMS + 1  # samples
 
 
-@dataclass(kw_only=True)
 class _WeightedForces:
     """Sums channels of motion and channels of weighted mesh forces, block by block.
+
+    Parameters
+    ----------
+    output, mesh_force : Output, (channels, meshes) array
+        Output that is replaced, and its map of mesh forces.
 
     Attributes
     ----------
@@ -134,23 +138,16 @@ class _WeightedForces:
         Output to integrate: the channels of motion, of weighted mesh forces, and of mesh forces at samples.
     """
 
-    output: Output
-    _buffer: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
-
-    @classmethod
-    def of(cls, output: Output) -> "_WeightedForces | None":
-        """Return the replacement of an output with mesh forces; None without any."""
-        if output.mesh_force is None:
-            return None
+    def __init__(self, output: Output, mesh_force: Array) -> None:
         maps = {
             name: np.vstack([value, np.zeros((2 * output.channels, value.shape[1]))])
             for name, value in output.maps.items()
             if name != "mesh_force"
         }
-        zero = np.zeros_like(output.mesh_force)
-        weighted_rows = np.vstack([zero, output.mesh_force, zero])
-        points = np.vstack([zero, zero, output.mesh_force])
-        return cls(output=Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows, mesh_force=points))
+        zero = np.zeros_like(mesh_force)
+        weighted, points = np.vstack([zero, mesh_force, zero]), np.vstack([zero, zero, mesh_force])
+        self.output = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted, mesh_force=points)
+        self._buffer = np.empty((0, 0))
 
     def push(self, values: Array) -> tuple[Array, Array]:
         """Return the channels (n, channels), `_LAG` samples behind the next values (n, 3 channels).
@@ -200,8 +197,6 @@ class Motion:
         Duration before time zero in which the transient of the start decays below the error; zero for a run-up.
     error : float
         Tolerated relative RMS error of the forces.
-    steps_per_sample : int or None
-        Of the integration; None: as many as a trial needs for the error.
     eased : bool
         Whether the start and jumps of the load set off no free vibration: displacements jump as the static ones do.
     """
@@ -215,7 +210,6 @@ class Motion:
     oversampling: int
     settling_time_s: float
     error: float
-    steps_per_sample: int | None = None
     eased: bool = False
 
     @cached_property
@@ -247,8 +241,10 @@ class Motion:
         """Static force of each mesh at the instants of the truth, (mesh, instant) N."""
         return np.array([*self.sensor_forces.static_n.values()])
 
-    def channels(self, *, samples: int) -> Iterator[Array]:
+    def channels(self, *, samples: int, steps: int) -> Iterator[Array]:
         """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.
+
+        `steps` are those of the integration per sample.
 
         Raises
         ------
@@ -258,11 +254,12 @@ class Motion:
         scene = self.stage.scene
         sensor_forces = replace(self.sensor_forces, late_s=self.eased / (2 * self.output.rate_hz))
         filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in sensor_forces.routes]
-        weighted, delay = _WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
-        if weighted is not None:
-            delay += _LAG
-        output = self.output if weighted is None else weighted.output
-        for block, numbers in self.blocks(output, samples=samples, delay=delay):
+        lag = max(filter_.lag for filter_ in filters)
+        weighted, output, delay = None, self.output, lag
+        if output.mesh_force is not None:
+            weighted = _WeightedForces(output, output.mesh_force)
+            output, delay = weighted.output, lag + _LAG
+        for block, numbers in self.blocks(output, samples=samples, steps=steps, delay=delay):
             times_s = block.times_s - (delay - lag) / self.output.rate_hz
             smooth, at_once = (block.values, block.values) if weighted is None else weighted.push(block.values)
             forces = points = sensor_forces.forces(smooth, times_s=times_s).T
@@ -274,7 +271,7 @@ class Motion:
             yield outputs[:, (numbers >= 0) & (numbers % self.oversampling == 0)]
 
     def blocks(
-        self, output: Output, *, samples: int, delay: int = 0
+        self, output: Output, *, samples: int, steps: int, delay: int = 0
     ) -> Iterator[tuple[Integration, NDArray[np.int64]]]:
         """Yield an output at its rate in blocks, with the index of each value from time zero, less the delay.
 
@@ -287,7 +284,7 @@ class Motion:
         last = (settling + samples - 1) * self.oversampling + delay
         problem, first = self.problem(-settling / rate_hz, last / output.rate_hz), -settling * self.oversampling - delay
         try:
-            for block in integrate_blocks(problem, output=output, steps=self.steps()):
+            for block in integrate_blocks(problem, output=output, steps=steps):
                 yield block, first + np.arange(block.times_s.size)
                 first += block.times_s.size
         except IntegrationError as caught:
@@ -297,8 +294,6 @@ class Motion:
         """Return the steps per sample for the error tolerance, from a trial of 4096 samples at the critical time."""
         from data_synth.integrators.driver import steps_for_error  # noqa: PLC0415
 
-        if self.steps_per_sample is not None:
-            return self.steps_per_sample
         scene, output = self.stage.scene, self.output
         if self.sensor_forces.rotate:  # forces of planets may cancel
             trial_output = Output(rate_hz=output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
@@ -308,7 +303,9 @@ class Motion:
             trial_output = Output(
                 rate_hz=output.rate_hz, **{name: to_sensors @ values for name, values in output.maps.items()}
             )
-        weighted = _WeightedForces.of(trial_output)
+        if trial_output.mesh_force is not None:  # forces at samples would alias
+            weighted = _WeightedForces(trial_output, trial_output.mesh_force)
+            trial_output = replace(weighted.output, mesh_force=None)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
         critical_s, reverses = self.critical_time_s()
         # a torque that rises from zero separates the teeth before time zero
@@ -317,8 +314,7 @@ class Motion:
         try:
             return steps_for_error(
                 self.problem(start_s, long_s),
-                # forces at samples would alias
-                output=trial_output if weighted is None else replace(weighted.output, mesh_force=None),
+                output=trial_output,
                 relative=self.error,
                 trial=_TRIAL * self.oversampling,
             )

@@ -125,7 +125,7 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: int
     if refused is not None:
         raise refused
     start = assembled.modal(problem.start) if problem.start is not None else equilibrium(assembled)
-    stepper = partial(Stepper.of, assembled, output, steps)
+    stepper = partial(Stepper, assembled, output, steps)
     x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
     if residual > _TOLERANCE:
         raise IntegrationError(

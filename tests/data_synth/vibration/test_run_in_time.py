@@ -72,7 +72,8 @@ def classical_rk4(state, step, cycles, torques, constants, damper, gap_m):
 
 
 def heard(declared):
-    return np.concatenate([*motion(declared).channels(samples=declared.samples)], axis=1)[0]
+    ready = motion(declared)
+    return np.concatenate([*ready.channels(samples=declared.samples, steps=ready.steps())], axis=1)[0]
 
 
 def by_hand(samples, *, stage, torques, drag=(0.0, 0.0), gap_m=0.0, settle=4000, from_rest=False):
@@ -390,7 +391,7 @@ def test_memory_does_not_grow_with_a_record_of_growing_teeth():
     def peak(duration_s):
         ready = motion(growing(fault("tooth_crack", growth={**LINEAR, "rate_mm_per_s": 0.5}), duration_s=duration_s))
         tracemalloc.start()
-        for _ in ready.channels(samples=ready.stage.scene.samples):
+        for _ in ready.channels(samples=ready.stage.scene.samples, steps=ready.steps()):
             pass
         found = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
