@@ -6,7 +6,6 @@ from signals.harmonics.reference import HarmonicMatrices as HarmonicMatrices
 from signals.harmonics.reference import harmonic_model as harmonic_model
 from signals.harmonics.stream import OrderTracker as OrderTracker
 from signals.harmonics.tracker import track_orders as track_orders
-from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
 from signals.harmonics.tracking_results import OrderTracks as OrderTracks
 from signals.harmonics.waveform import order_waveform as order_waveform
 from signals.slipping_order.slip_tracking import SlippingTrack as SlippingTrack

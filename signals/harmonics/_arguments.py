@@ -98,8 +98,7 @@ def check_bandwidth(
     steps = [np.gradient(phase) if phase.size > 1 else np.zeros(1) for phase in phases] if by_speed else []
     cycles = width * (np.abs(np.stack(steps)) / (2 * np.pi))[shaft] if by_speed else width / per_sample
     _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
-    units = "hz" if bandwidth == in_hz else "orders"
-    return cycles, {"bandwidth": width.mean(axis=1), "bandwidth_units": units, "bandwidth_cycles": cycles.mean(axis=1)}
+    return cycles, {"bandwidth": width.mean(axis=1), "bandwidth_cycles": cycles.mean(axis=1)}
 
 
 def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:

@@ -8,7 +8,7 @@ from math import frexp
 import numpy as np
 
 from signals._compile import compiled_in_place, compiled_sums_in_place
-from signals.harmonics._block_kernels import Floats
+from signals.harmonics.state_space import Floats
 
 
 @compiled_in_place

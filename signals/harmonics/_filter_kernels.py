@@ -8,7 +8,8 @@ triangle of ones, the increment, of variance Q, in the highest differences alone
 import numpy as np
 
 from signals._compile import compiled_sums_in_place
-from signals.harmonics._block_kernels import Floats, Indices, fill_phasors
+from signals.harmonics._block_kernels import fill_phasors
+from signals.harmonics.state_space import Floats, Indices
 
 PIECE = 128  # samples whose phasors are made at a time: they stay in the nearest cache
 

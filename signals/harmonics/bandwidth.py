@@ -35,12 +35,9 @@ from signals._validation import brief, checked, choice, positive, real_array, wh
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_MOST_WEIGHT = 1e30
-
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-
+_MOST_WEIGHT = 1e30
 HALF_POWER = np.sqrt(2) - 1
 MOST_POLES = 4
 # In cycles per sample: the powers of smaller bandwidths underflow.
@@ -161,13 +158,30 @@ class Bandwidth:
     def from_weight(cls, weight: float, *, poles: int) -> Bandwidth:
         """Return the bandwidth of the Vold-Kalman filter with a weight r.
 
-        Its envelopes minimise `sum |r difference^poles Z|^2 + sum |2 x exp(-j phase) - Z|^2`, so r^2 = N / q.
+        The Vold-Kalman filter of the second generation minimises, over the envelopes Z of all orders together,
+        `sum |r D^p Z|^2 + sum |2 x - sum Z exp(j order phase)|^2` with weights r, D^p the p-th difference [1]_, [2]_.
+        The exact smoother does the same with the real record in place of the complex one, so that orders are also
+        separated from the images at minus their frequencies; its weights are r^2 = N / q.
+
+        References
+        ----------
+        .. [1] H. Vold, M. Mains, J. Blough, "Theoretical foundations for high performance order tracking with the
+           Vold-Kalman tracking filter", SAE 972007, 1997.
+        .. [2] J. Tuma, "Setting the passband width in the Vold-Kalman order tracking filter", 12th Int. Congress on
+           Sound and Vibration, Lisbon 2005.
 
         Examples
         --------
-        >>> from signals.harmonics import Bandwidth
-        >>> print(round(Bandwidth.from_weight(Bandwidth(width=0.01, poles=2).weight, poles=2).width, 6))
-        0.01
+        With one pole and a large weight the bandwidth is `sqrt(sqrt(2) - 1) / (pi weight)`, at 5000 Hz here 2.05 Hz:
+
+        >>> import numpy as np
+        >>> from signals.harmonics import Bandwidth, track_orders
+        >>> width_hz = 5000 * Bandwidth.from_weight(500, poles=1).width
+        >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+        >>> x = 2 * np.cos(3 * phase_rad)
+        >>> tracks = track_orders(x, phase_rad=phase_rad, orders=[3], bandwidth_hz=width_hz, rate_hz=5000)
+        >>> print(tracks.bandwidth.round(2), np.abs(tracks.complex_amplitude[:, 2500]).round(3))
+        [2.05] [2.]
         """
         whole(poles, name="poles", least=1, most=MOST_POLES)
         if positive(weight, name="weight") < 1 / _MOST_WEIGHT:

@@ -197,11 +197,11 @@ def leaked(grid: Grid, levels: Complexes, nodes: slice) -> Floats:
     """
     model = grid.model
     at = np.minimum(grid.length * np.arange(grid.nodes)[nodes], grid.samples - 1)
-    angle = model.orders[:, None] * model.phase(at)[model.shaft]
-    turn = phasors(angle)
+    turns = model.turns(at)
+    turn = phasors(2 * pi * turns)
     waves, found = levels * turn.conj(), np.empty_like(levels)
     for part in np.array_split(np.arange(at.size), min(-(-at.size // FEWEST_NODES), MOST_STEADY)):
-        step = (angle[:, part[-1]] - angle[:, part[0]]) / (2 * pi * max(at[part[-1]] - at[part[0]], 1))
+        step = (turns[:, part[-1]] - turns[:, part[0]]) / max(at[part[-1]] - at[part[0]], 1)
         apart = np.stack([step - step[:, None], step + step[:, None]])
         others, images = np.sinc(grid.length * (apart - np.rint(apart))) ** 2
         np.fill_diagonal(others, 0.0)

@@ -11,7 +11,7 @@ a random walk in noise of variance 2R (R for the mean), which `Bandwidth.filter_
 complex amplitude has twice these gains, since the real record holds half of a rotating phasor.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, log, sqrt
 
 import numpy as np
@@ -92,19 +92,6 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
     paired[..., ::2] = values[..., : model.orders.size]
     paired[..., 2 * model.nonzero + 1] = values[..., model.orders.size :]
     return paired
-
-
-def causal_filter(
-    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, steady_error: float | None = None
-) -> Estimate:
-    """Filter all channels of a (channel, sample) record, NaN where missing in all channels at once.
-
-    The innovations count from sample `startup` on. Given their `Estimate.error_bound`, gains are those of the steady
-    state once it is reached.
-    """
-    state, gains = FilterState.prior(model, channels=len(x)), None if steady_error is None else SteadyGains.of(model)
-    found = filter_on(model, x, state, output_every=output_every, startup=startup, steady=gains)
-    return replace(found, error_bound=steady_error or 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

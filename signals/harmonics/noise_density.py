@@ -146,7 +146,7 @@ def _segments(seen: Flags, model: HarmonicModel, *, fewest: int) -> tuple[Indice
     if seen.size < _SHORTEST:
         return np.empty(0, dtype=int), 0
     edges = np.linspace(0, seen.size - 1, _SHORTEST).astype(int)
-    rates = np.diff(_turns(model, edges)) / np.diff(edges)
+    rates = np.diff(model.turns(edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
     steady = math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12))
     longest = min(SEGMENT / model.bandwidth.max(), max(seen.size / fewest, _SHORTEST), steady)
@@ -162,19 +162,13 @@ def _segments(seen: Flags, model: HarmonicModel, *, fewest: int) -> tuple[Indice
     return np.empty(0, dtype=int), 0
 
 
-def _turns(model: HarmonicModel, samples: Indices) -> Floats:
-    """Return the (order, ...) cycles of each order at some samples."""
-    turns = model.phase(samples)[model.shaft] / (2 * np.pi)
-    return np.asarray(model.orders.reshape(-1, *[1] * samples.ndim) * turns)
-
-
 def _bins(starts: Indices, length: int, model: HarmonicModel) -> tuple[Indices, Indices, Floats]:
     """Return (segment, order, side, bin) numbers of bins beside each order, ranks of those with noise, and places.
 
     The nearest to the order has rank 1, bins with a line have 0. Places are distances from the order in bins.
     """
     ends = np.stack([starts, starts + length // 2, starts + length - 1])
-    first, second = np.diff(_turns(model, ends), axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
+    first, second = np.diff(model.turns(ends), axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
     cycles = (first + second) * length / (length - 1)
     position = np.abs(cycles - length * np.rint(cycles / length))  # in bins, folded at half of the rate
     # where the smoother's gain g has g / (1 - g), the density of walking amplitudes over the noise's, at _SIGNAL

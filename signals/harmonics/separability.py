@@ -65,8 +65,7 @@ class Closeness:
         edges = np.arange(segments + 1) * max(samples - 1, 1) // segments
         middle = (edges[:-1] + edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
-        turns = model.phase(np.minimum(edges, samples - 1))[model.shaft] / (2 * np.pi)
-        frequency = model.orders[:, None] * np.diff(turns) / np.diff(edges)
+        frequency = np.diff(model.turns(np.minimum(edges, samples - 1))) / np.diff(edges)
         return cls(model, edges, frequency, np.broadcast_to(width, frequency.shape))
 
     def within(self, samples: slice) -> "Closeness":

@@ -23,7 +23,6 @@ Flags = NDArray[np.bool_]
 Order = tuple[str, float] | float
 Estimator = Literal["smoother", "filter"]
 Method = Literal["exact", "fast"]
-BandwidthUnits = Literal["hz", "orders"]
 
 # Prior in standard deviations of the noise: so wide that it biases the amplitude of m samples by 2e-6 / m of itself,
 # and so narrow that rounding of its square is negligible.
@@ -92,6 +91,10 @@ class HarmonicModel:
         if len(self.phases) == 1:
             return self.phases[0][None, samples]  # nothing is copied
         return np.stack([phase[samples] for phase in self.phases])
+
+    def turns(self, samples: Indices) -> Floats:
+        """Return the (order, ...) cycles of each order at some samples."""
+        return np.asarray(self.orders.reshape(-1, *[1] * samples.ndim) * self.phase(samples)[self.shaft] / (2 * np.pi))
 
     def regressors(self, samples: slice | Indices) -> Floats:
         """(column, sample) array of regressors: the measurement is their product with the levels."""
@@ -162,10 +165,6 @@ class Estimate:
     std_spacing: int
     # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0
-
-    def of_orders(self, orders: int) -> "Estimate":
-        """Return the estimates of the first orders alone."""
-        return replace(self, amplitude=self.amplitude[:, :orders], variance=self.variance[:orders])
 
 
 def lost(model: HarmonicModel, method: Method) -> FloatingPointError:

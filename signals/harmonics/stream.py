@@ -136,11 +136,11 @@ class OrderTracker:
         )  # fmt: skip
         self._last_phase = phase[:, -1].copy()
         orders, outputs = len(self._orders), estimate.amplitude.shape[-1]
-        found = statistics(estimate.of_orders(orders), self._noise)
+        found = statistics(estimate, self._noise, orders)
         return OrderTracks(
             **{name: squeeze(value, not self._channels) for name, value in found.items()},
             **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
-            estimator="filter", method="exact" if self._steady is None else "fast", error_bound=self._error_bound,
+            method="exact" if self._steady is None else "fast", error_bound=self._error_bound,
             samples=state.count, output_every=self._every,
             std_spacing=estimate.std_spacing,
             first_output=self._every * (-(-state.count // self._every) - outputs),

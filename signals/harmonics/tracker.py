@@ -10,9 +10,8 @@ import numpy as np
 
 from signals._validation import checked, choice, positive, real_array, whole
 from signals.harmonics import _arguments
-from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_smoother import block_length, exact, exact_length, fast, scattered_share
-from signals.harmonics.kalman_filter import causal_filter
+from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness
 from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, lost
@@ -171,7 +170,7 @@ def track_orders(
     found = {name: parts[0][1][name] if alike else _joined([own[name] for _, own in parts]) for name in parts[0][1]}
     return OrderTracks(
         std_spacing=parts[0][0].std_spacing,
-        orders=model.orders, shafts=shafts, poles=model.poles, estimator=estimator, method=chosen,
+        orders=model.orders, shafts=shafts, poles=model.poles, method=chosen,
         samples=samples, output_every=every,
         error_bound=max(estimate.error_bound for estimate, _ in parts),
         **bandwidth, **{name: squeeze(value, one) for name, value in found.items()},
@@ -194,8 +193,10 @@ def _tracked(
     startup = _startup(model, seen, noise_variance, name=name)
     try:
         if estimator == "filter":
-            error = Closeness.of(model).ripple if method == "fast" else None
-            estimate = causal_filter(model, record, output_every=every, startup=startup, steady_error=error)
+            state, steady = FilterState.prior(model, channels=len(record)), method == "fast"
+            gains, error = (SteadyGains.of(model), Closeness.of(model).ripple) if steady else (None, 0.0)
+            estimate = filter_on(model, record, state, output_every=every, startup=startup, steady=gains)
+            estimate = replace(estimate, error_bound=error)
         elif method == "fast":
             estimate = fast(model, record, seen, rtol=rtol, output_every=every, startup=startup)
         else:
@@ -204,7 +205,7 @@ def _tracked(
         raise lost(model, method) from error
     if not estimate.variance.min() > 0:
         raise lost(model, method)
-    found = statistics(estimate.of_orders(orders), noise_variance)
+    found = statistics(estimate, noise_variance, orders)
     if noise_variance is None:
         fitted = model.state_size if estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovations.count * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
@@ -213,19 +214,20 @@ def _tracked(
     return estimate, found
 
 
-def statistics(estimate: Estimate, given: float | None) -> dict[str, Any]:
-    """Return the (channel, ...) fields of `OrderTracks`; all channels share variances.
+def statistics(estimate: Estimate, given: float | None, orders: int) -> dict[str, Any]:
+    """Return the (channel, ...) fields of `OrderTracks` of the first orders; all channels share variances.
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
     channels, mean_square = len(estimate.amplitude), estimate.innovations.mean_square
+    variance = estimate.variance[:orders]
     none = 0.0 if estimate.innovations.count else np.nan
     noise = mean_square if given is None else np.full(channels, float(given))
     return {
-        "complex_amplitude": estimate.amplitude,
-        "settling_variance": np.broadcast_to(estimate.variance, (channels, *estimate.variance.shape)),
+        "complex_amplitude": estimate.amplitude[:, :orders],
+        "settling_variance": np.broadcast_to(variance, (channels, *variance.shape)),
         "noise_variance": noise,
-        "noise_density": np.broadcast_to(noise[:, None, None], (channels, estimate.amplitude.shape[-2], 1)),
+        "noise_density": np.broadcast_to(noise[:, None, None], (channels, orders, 1)),
         "noise_freedom": np.full((channels, 1, 1), np.inf),
         "innovation_mean_square": np.ones(channels) if given is None else mean_square / noise + none,
     }
@@ -289,74 +291,6 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
     return replace(
         tracks, noise_variance=noise.reshape(shape[:-1])[()], clipped_share=clipped.reshape(shape[:-1])[()],
         noise_density=tracks.noise_density * (more / (1 - lost)).reshape(*shape[:-1], 1, 1),
-    )  # fmt: skip
-
-
-@checked
-def vold_kalman_filter(
-    x: ArrayLike,
-    *,
-    phase_rad: ArrayLike | Mapping[str, ArrayLike],
-    orders: Sequence[Order] | NDArray[np.float64],
-    weight: ArrayLike,
-    poles: int,
-    rate_hz: float,
-    method: Method | Literal["auto"] = "auto",
-    output_every: int = 1,
-) -> OrderTracks:
-    """Estimate the complex amplitudes of all orders jointly, given Vold-Kalman weights instead of bandwidths.
-
-    The Vold-Kalman filter of the second generation minimises, over the envelopes Z of all orders together,
-    `sum |r D^p Z|^2 + sum |2 x - sum Z exp(j order phase)|^2` with weights r, D^p the p-th difference [1]_, [2]_. The
-    exact smoother does the same with the real record in place of the complex one, so that orders are also separated
-    from the images at minus their frequencies; its weights are r^2 = N / q.
-
-    Parameters
-    ----------
-    x, phase_rad, orders, method, output_every
-        As for `track_orders`.
-    weight
-        Weight r of the `poles`-th difference of each envelope, one number or (order,) array; a bandwidth has the weight
-        `Bandwidth.weight`.
-    poles
-        Order p of the difference that is minimised, 1 to 4.
-    rate_hz
-        Sampling rate in Hz, which gives the bandwidths of the result in Hz; the estimates do not depend on it.
-
-    Returns
-    -------
-    OrderTracks
-        With the bandwidths of these weights, in Hz.
-
-    Raises
-    ------
-    ValueError
-        A weight has no bandwidth, or as for `track_orders`.
-
-    References
-    ----------
-    .. [1] H. Vold, M. Mains, J. Blough, "Theoretical foundations for high performance order tracking with the
-       Vold-Kalman tracking filter", SAE 972007, 1997.
-    .. [2] J. Tuma, "Setting the passband width in the Vold-Kalman order tracking filter", 12th Int. Congress on Sound
-       and Vibration, Lisbon 2005.
-
-    Examples
-    --------
-    With one pole and a large weight the bandwidth is `rate_hz sqrt(sqrt(2) - 1) / (pi weight)`, here 2.05 Hz:
-
-    >>> import numpy as np
-    >>> from signals.harmonics import vold_kalman_filter
-    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
-    >>> x = 2 * np.cos(3 * phase_rad)
-    >>> tracks = vold_kalman_filter(x, phase_rad=phase_rad, orders=[3], weight=500, poles=1, rate_hz=5000)
-    >>> print(tracks.bandwidth.round(2), np.abs(tracks.complex_amplitude[:, 2500]).round(3))
-    [2.05] [2.]
-    """
-    weights = real_array(weight, name="weight").astype(np.float64)
-    widths = [Bandwidth.from_weight(r, poles=poles).width * rate_hz for r in weights.ravel().tolist()]
-    return track_orders(
-        x, phase_rad=phase_rad, orders=orders, bandwidth_hz=np.reshape(widths, weights.shape), rate_hz=rate_hz,
-        poles=poles, method=method, output_every=output_every,
     )  # fmt: skip
 
 

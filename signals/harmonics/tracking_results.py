@@ -11,7 +11,7 @@ import numpy as np
 from signals._validation import positive
 
 if TYPE_CHECKING:
-    from signals.harmonics.state_space import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
+    from signals.harmonics.state_space import Complexes, Floats, Indices, Method
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,15 +35,11 @@ class OrderTracks:
     shafts
         Name of each order's shaft; empty for a single unnamed phase.
     bandwidth : (order,) array
-        Full -3 dB width of the steady-state smoother, as given; its mean if it varies.
-    bandwidth_units
-        "hz" or "orders".
+        Full -3 dB width of the steady-state smoother in Hz or orders, as given; its mean if it varies.
     bandwidth_cycles : (order,) array
         The same in cycles per sample.
     poles
         Number of integrations of the random walk.
-    estimator
-        "smoother" (all samples) or "filter" (samples up to the output).
     method
         "exact" or "fast": the one that ran.
     error_bound
@@ -85,12 +81,10 @@ class OrderTracks:
     complex_amplitude: Complexes = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
     settling_variance: Floats = field(metadata={"dims": ("channel", "order", "settling"), "units": "1"})
     orders: Floats = field(metadata={"dims": ("order",), "units": "1"})
-    bandwidth: Floats = field(metadata={"dims": ("order",), "units": "as bandwidth_units"})
+    bandwidth: Floats = field(metadata={"dims": ("order",), "units": "as given"})
     bandwidth_cycles: Floats = field(metadata={"dims": ("order",), "units": "1"})
-    bandwidth_units: BandwidthUnits
     shafts: tuple[str, ...]
     poles: int
-    estimator: Estimator
     method: Method
     error_bound: float
     noise_variance: float | Floats

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from signals._compile import compiled, compiled_sums_in_place
-from signals.harmonics._block_kernels import Floats, Indices
 from signals.harmonics._chain_kernels import filter_forward, smooth_backward
 from signals.harmonics._filter_kernels import dot
+from signals.harmonics.state_space import Floats, Indices
 
 
 class SlipChain(NamedTuple):
@@ -84,8 +84,8 @@ def _turn(chain: SlipChain, m: int, state: Floats, M: Floats, v: Floats, back: b
 def filter_blocks(chain: SlipChain, extended: bool) -> float:
     """Filter all blocks about the states of the chain or, as the extended Kalman filter, about each prediction.
 
-    The extended filter starts from the first state, fills the others and their phase, and returns the sum of squared
-    innovations over their variances; without it, that of squared residuals is returned. NaN where J is not positive.
+    The extended filter starts from the first state and fills the others and their phase. Returns the sum of squared
+    residuals; NaN where J is not positive.
     """
     J, j, states, (blocks, size) = chain.J, chain.j, chain.states, chain.states.shape
     no_data, no_score, h, squares = np.zeros((1, size**2)), np.zeros((1, size)), np.empty(size), np.zeros(1)
@@ -96,7 +96,6 @@ def filter_blocks(chain: SlipChain, extended: bool) -> float:
         if extended:
             P = np.ascontiguousarray(np.linalg.inv(J))
             step = P @ j
-            total -= np.sum(step * j)
             states[m] += step[:, 0]
             j[:] = 0.0
         if m + 1 < blocks:

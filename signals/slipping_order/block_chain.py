@@ -44,12 +44,13 @@ def chain_of(record: SlipRecord, *, noise_variance: float) -> SlipChain:
     )  # fmt: skip
 
 
-def extended_filter(chain: SlipChain, *, slip: float, slip_std: float) -> tuple[SlipChain, float]:
-    """Run the extended Kalman filter from a first slip; return the sum of its normalised innovations' squares, too."""
+def extended_filter(chain: SlipChain, *, slip: float, slip_std: float) -> SlipChain:
+    """Run the extended Kalman filter from a first slip."""
     J = chain.J.copy()
     J[-1, -1] = slip_std**-2
     run = chain._replace(states=chain.states + np.append(np.zeros(len(J) - 1), slip), J=J)
-    return run, _checked(filter_blocks(run, True))
+    _checked(filter_blocks(run, True))
+    return run
 
 
 def _checked(total: float) -> float:

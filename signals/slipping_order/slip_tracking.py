@@ -84,9 +84,6 @@ class SlippingTrack:
         Sample number of each output: the middle of its block.
     noise_variance
         R, as given or as estimated on both sides of the line.
-    innovation_mean_square
-        Mean of the squared innovations over their variances: near 1 if R, bandwidth and slip_change_per_rev suit the
-        record.
     false_alarm_probability
         Bound on the probability that white Gaussian noise has a path of slips with as much power over R; a neighbouring
         line is no false alarm in this sense.
@@ -97,7 +94,8 @@ class SlippingTrack:
         converged": the last step was not yet negligible; "single pass": the filter does not iterate; "no line": the
         false-alarm probability is above 0.01, and the estimates are those of noise.
     objective : (step,) array
-        Half the sum of squares at the start and after every Gauss-Newton step; it never rises.
+        Half the sum of squares at the start and after every Gauss-Newton step; it never rises. In the end it is near
+        half the number of samples if R, bandwidth and slip_change_per_rev suit the record.
 
     Examples
     --------
@@ -118,7 +116,6 @@ class SlippingTrack:
     slip_phase_rad: Floats = field(metadata={"dims": ("output",), "units": "rad"})
     sample_index: Indices = field(metadata={"dims": ("output",), "units": "1"})
     noise_variance: float
-    innovation_mean_square: float
     false_alarm_probability: float
     status: Status
     objective: Floats = field(metadata={"dims": ("step",), "units": "1"})
@@ -240,11 +237,10 @@ def track_slipping_order(
     status: Status = "single pass"
     objective = np.empty(0)
     try:
-        path, total = extended_filter(chain, slip=ridge[0], slip_std=min(largest_slip, slip_width / 2))
+        path = extended_filter(chain, slip=ridge[0], slip_std=min(largest_slip, slip_width / 2))
         if estimator == "smoother":
             ends = [smooth(chain, start, limit=limit) for start in (path, along(chain, ridge))]
             path, status, objective = min(ends, key=lambda end: end[2][-1])
-            total = 2 * objective[-1]  # the least sum of squares is that of the normalised innovations
     except np.linalg.LinAlgError as error:
         raise FloatingPointError(
             f"the covariance of {centres.size} blocks is not positive definite in double precision, with x of up to "
@@ -274,7 +270,7 @@ def track_slipping_order(
         complex_amplitude=unit * amplitude * start, std=unit * std, amplitude_std=unit * amplitude_std,
         phase_std_rad=phase_std, slip=slip, slip_std=slip_std, slip_phase_rad=slip_phase - slip_phase[0],
         sample_index=centres[outputs], noise_variance=noise,
-        innovation_mean_square=total / np.count_nonzero(~np.isnan(samples)), status=status, objective=objective,
+        status=status, objective=objective,
         false_alarm_probability=chance,
     )  # fmt: skip
 

@@ -74,5 +74,4 @@ def test_bandwidth_in_orders_is_bandwidth_per_revolution():
     angle = track_orders(x, phase_rad=phase, orders=[3], bandwidth_orders=0.2, samples_per_rev=64)
     time = track_orders(x, phase_rad=phase, orders=[3], bandwidth_hz=0.2 * 25, rate_hz=64 * 25)
     assert_allclose(angle.complex_amplitude, time.complex_amplitude, rtol=1e-12)
-    assert (angle.bandwidth_units, time.bandwidth_units) == ("orders", "hz")
     assert_allclose(angle.bandwidth, [0.2])

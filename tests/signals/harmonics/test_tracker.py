@@ -83,4 +83,4 @@ def test_fields_are_labelled():
             assert value.shape == tuple(sizes[dim] for dim in field.metadata["dims"] if dim != "channel")
             assert "units" in field.metadata
     assert tracks.sample_index.tolist() == list(range(0, 900, 100))
-    assert (tracks.estimator, tracks.method, tracks.poles) == ("smoother", "exact", 1)
+    assert (tracks.method, tracks.poles) == ("exact", 1)

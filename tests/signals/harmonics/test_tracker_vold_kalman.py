@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.sparse import block_array, block_diag, diags_array, eye_array
 from scipy.sparse.linalg import spsolve
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.tracker import track_orders, vold_kalman_filter
+from signals.harmonics.tracker import track_orders
 
 SAMPLES = 700
 N = np.arange(SAMPLES)
@@ -19,6 +19,13 @@ def record():
     rng = np.random.default_rng(8)
     x = 2 * np.cos(PHASE + np.sin(N / 100)) + np.cos(1.4 * PHASE) + (1 + N / SAMPLES) * np.cos(3 * PHASE + 1)
     return x + 0.2 * rng.standard_normal(SAMPLES)
+
+
+def vold_kalman(x, orders, weights, poles):
+    """Return the complex amplitudes of the exact smoother with these weights."""
+    widths = [Bandwidth.from_weight(weight, poles=poles).width for weight in weights]
+    settings = {"phase_rad": PHASE, "orders": orders, "bandwidth_hz": widths, "rate_hz": 1.0, "poles": poles}
+    return track_orders(x, **settings, method="exact").complex_amplitude
 
 
 def differences(poles):
@@ -57,10 +64,7 @@ def complex_problem(x, weights, poles):
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
 def test_smoother_is_the_least_squares_solution(poles):
     weights = np.array([Bandwidth(width=width, poles=poles).weight for width in (0.03, 0.04, 0.05)])
-    tracks = vold_kalman_filter(
-        record(), phase_rad=PHASE, orders=ORDERS, weight=weights, poles=poles, rate_hz=1.0, method="exact"
-    )
-    error = np.abs(tracks.complex_amplitude - real_problem(record(), weights, poles)[1])
+    error = np.abs(vold_kalman(record(), ORDERS, weights, poles) - real_problem(record(), weights, poles)[1])
     # Scipy's matrix has a condition of 4^4 r^2 = 2e10 at most, so six digits. It has no prior, the smoother one of 1000
     # standard deviations of the noise for levels and differences: a few 1e-6 of amplitudes ten times the noise at the
     # ends, some ten times that for every pole that extrapolates; inwards it decays, with four poles to 2e-6 in 200
@@ -72,43 +76,20 @@ def test_smoother_is_the_least_squares_solution(poles):
 def test_the_mean_takes_the_weight_as_it_is():
     weight = Bandwidth(width=0.01, poles=2).weight
     x = record() + 3
-    tracks = vold_kalman_filter(
-        x, phase_rad=PHASE, orders=[0, *ORDERS], weight=weight, poles=2, rate_hz=1.0, method="exact"
-    )
+    amplitude = vold_kalman(x, [0, *ORDERS], [weight] * 4, 2)
     (mean,), others = real_problem(x, [weight] * 3, 2, means=[weight])
-    assert_allclose(tracks.complex_amplitude[0], mean, atol=1e-4)  # the prior, as above
-    assert_allclose(tracks.complex_amplitude[1:], others, atol=1e-4)
+    assert_allclose(amplitude[0], mean, atol=1e-4)  # the prior, as above
+    assert_allclose(amplitude[1:], others, atol=1e-4)
 
 
 @pytest.mark.parametrize("poles", [1, 2])
 def test_away_from_the_ends_it_is_the_complex_form_too(poles):
     width = 0.03
     weight = Bandwidth(width=width, poles=poles).weight
-    tracks = vold_kalman_filter(
-        record(), phase_rad=PHASE, orders=ORDERS, weight=weight, poles=poles, rate_hz=1.0, method="exact"
-    )
+    amplitude = vold_kalman(record(), ORDERS, [weight] * 3, poles)
     expected = complex_problem(record(), [weight] * 3, poles)
     middle = slice(150, -150)
     # The complex form takes images for noise: what leaks of one, 0.1 and more cycles a sample away, is the smoother's
     # gain there, at most 1 / (1 + 0.41 (0.1 / 0.005)^(2 poles)), times an amplitude of 2.
     leak = 2 / (1 + 0.41 * (0.1 / (width / 2)) ** (2 * poles))
-    assert np.abs(tracks.complex_amplitude - expected)[:, middle].max() < 3 * leak
-
-
-def test_result_tells_the_bandwidth_of_the_weights():
-    bandwidths = np.array([2.0, 3.0, 5.0])
-    weights = [Bandwidth(width=b / 500, poles=2).weight for b in bandwidths]
-    tracks = vold_kalman_filter(
-        record(), phase_rad=PHASE, orders=ORDERS, weight=weights, poles=2, rate_hz=500.0, output_every=50
-    )
-    assert_allclose(tracks.bandwidth, bandwidths, rtol=1e-9)
-    same = track_orders(
-        record(), phase_rad=PHASE, orders=ORDERS, bandwidth_hz=tracks.bandwidth, rate_hz=500.0, poles=2, output_every=50
-    )
-    assert_array_equal(tracks.complex_amplitude, same.complex_amplitude)
-    assert (tracks.bandwidth_units, tracks.poles, tracks.estimator) == ("hz", 2, "smoother")
-
-
-def test_weight_without_a_bandwidth_is_refused():
-    with pytest.raises(ValueError, match=r"weight=0.1 with poles=2 passes even half of the rate"):
-        vold_kalman_filter(record(), phase_rad=PHASE, orders=ORDERS, weight=0.1, poles=2, rate_hz=1.0)
+    assert np.abs(amplitude - expected)[:, middle].max() < 3 * leak

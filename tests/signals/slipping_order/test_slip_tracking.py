@@ -79,7 +79,7 @@ def test_a_swaying_line_is_followed(swaying):
     assert rms(at_rest(track)[0] - truth[at]) < 0.35
     # R comes from some 350 independent cells of exponential power: the median's std is 1.44 / sqrt(350), or 8 %.
     assert track.noise_variance == pytest.approx(36, rel=0.2)
-    assert track.innovation_mean_square == pytest.approx(1, abs=0.2)
+    assert 2 * track.objective[-1] == pytest.approx(x.size, rel=0.2)
 
 
 def test_a_constant_slip_is_as_sure_as_the_cramer_rao_bound():
