@@ -268,6 +268,7 @@ def convert_files(
         if _drop_stale(folder, jobs, force=force):
             (folder / INDEX).unlink(missing_ok=True)
         remove_partial_files(folder)
+        kept = sum(job.size for job in jobs if (notes / job.name).is_file())
         tally = run_jobs(
             _write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None
         )
@@ -283,7 +284,6 @@ def convert_files(
             raise RecordError(f"none of {len(sources)} files could be converted; the first: {reason}")
         if form == "packed" and (tally.done or force or not (folder / INDEX).is_file()):
             write_index(folder, shards, plan=json.dumps(task))
-    kept = sum(job.size for job in jobs if not job.item["new"])
     return Conversion(
         folder=folder,
         records=sum(note["records"] for note in done),
@@ -340,11 +340,11 @@ def _job(
         "layout": layout,
     }
     item["key"] = hashlib.sha256(json.dumps(item).encode()).hexdigest()
-    return Job(name=f"{number:06d}.json", item=item | {"new": True, "force": force}, size=len(files))
+    return Job(name=f"{number:06d}.json", item=item | {"force": force}, size=len(files))
 
 
 def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: bool) -> bool:
-    """Remove the notes of pieces that changed or no longer exist, mark the others, and return whether any went."""
+    """Remove the notes of pieces that changed or no longer exist, and return whether any went."""
     names = {job.name: job for job in jobs}
     given = {file[0] for job in jobs for file in job.item["files"]}
     notes = {note: own_json(note) for note in (folder / _PIECES).glob("*.json")}
@@ -359,7 +359,6 @@ def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: boo
         job = names.get(note.name)
         outputs = [folder / name for name in there.get("outputs", [])]
         if job is not None and there.get("key") == job.item["key"] and all(path.is_file() for path in outputs):
-            job.item["new"] = False
             continue
         gone = True
         check_outputs(outputs, force=force)

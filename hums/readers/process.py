@@ -32,7 +32,7 @@ from hums.records.fields import RecordError, RecordWarning
 from hums.records.store import open_record, open_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
     from os import PathLike
@@ -122,7 +122,7 @@ class ReaderProcess:
             If the file is missing or damaged, or kills the process.
         """
         file = os.fspath(path)
-        found = self._ask({"do": "tree", "path": file}, file)
+        found = self._ask({"do": "tree", "path": file, "declared": {}}, file)
         handle = (self._generation, found["number"])
         tree = xr.DataTree.from_dict(
             {where: self._dataset(handle, where, group, file) for where, group in found["groups"].items()}
@@ -326,17 +326,10 @@ def _answer(
             return {"shape": values.shape}, values
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordWarning)
-        thing: xr.Dataset | xr.DataTree
-        match request["do"]:
-            case "tree":
-                thing = open_tree(request["path"])
-                groups = {node.path: node.to_dataset(inherit=False) for node in thing.subtree}
-            case "open":
-                thing = open_record(request["path"])
-                groups = {"/": detach_time(thing)}
-            case _:
-                thing = convert(request["path"], **request["declared"])
-                groups = {"/": detach_time(thing)}
+        opens: Mapping[str, Callable[..., Any]] = {"tree": open_tree, "open": open_record, "convert": convert}
+        thing = opens[request["do"]](request["path"], **request["declared"])
+        nodes = thing.subtree if isinstance(thing, xr.DataTree) else ()
+        groups = {node.path: node.to_dataset(inherit=False) for node in nodes} or {"/": detach_time(thing)}
     number = max(opened, default=0) + 1
     opened[number] = thing, groups
     return {

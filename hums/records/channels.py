@@ -19,6 +19,7 @@ from hums.records.fields import RATE_REMEDY, RecordError, positive_number, start
 
 Kind = Literal["vibration", "waveform", "tachometer", "speed", "measured", "truth"]
 SNAPSHOT, ANGLE = "snapshot", "angle"
+_LEVELS = ("threshold", "hysteresis")  # at which the pulses of a tachometer were found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,12 +131,9 @@ def layout_of(record: xr.Dataset) -> dict[str, Any]:
     for name, one in record.variables.items():
         if (kind := kind_of(str(name), one)) not in {None, "truth"}:
             lengths = one.shape[: -1 if kind == "tachometer" else None]
-            found[str(name)] = {"lengths": lengths, **_shared_attrs(one)}
+            attrs = {str(key): value for key, value in one.attrs.items() if key not in _LEVELS}
+            found[str(name)] = {"lengths": lengths, **attrs}
     return dict(json.loads(json.dumps(found, default=lambda value: np.asarray(value).tolist())))
-
-
-def _shared_attrs(variable: xr.Variable) -> dict[str, Any]:
-    return {str(key): value for key, value in variable.attrs.items() if key not in {"threshold", "hysteresis"}}
 
 
 def other_layout(own: Mapping[str, Any], first: Mapping[str, Any]) -> str:
@@ -156,7 +154,8 @@ def stacked(parts: Sequence[xr.Variable], dim: str, dtype: str | None = None) ->
     for number, one in enumerate(values):
         where: tuple[Any, ...] = (number, *map(slice, one.shape))
         stack[where] = one
-    return xr.Variable((dim, *first.dims), stack, _shared_attrs(first))
+    own = {key for key in _LEVELS if any(part.attrs.get(key) != first.attrs.get(key) for part in parts)}
+    return xr.Variable((dim, *first.dims), stack, {key: x for key, x in first.attrs.items() if key not in own})
 
 
 def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
