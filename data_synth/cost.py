@@ -159,7 +159,7 @@ def explain(
         )
         stage = with_gear_lines(stage, motion, choice)
         top = declared.rate_hz / 2 / stage.drive.angle.top_speed_hz(0.0, declared.duration_s)
-        candidates = 0 if choice.linear else candidates_of(declared, top=top).orders.size
+        candidates = 0 if choice.linear else candidates_of(declared, top=top)[0].size
         instants_of_truth = truth_instants(declared, stage.drive).size
         projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)), samples // instants_of_truth)
         digits = 2 * BYTES if choice.linear else BYTES  # lines of vibrating gears have single precision

@@ -301,16 +301,12 @@ class Campbell:
         >>> np.round(diagram.critical_speeds(20), 6).tolist()
         [50.0]
         """
-        excitation_hz = order * self.speeds_rad_s / (2 * np.pi)
-        found: list[float] = []
-        for frequencies in self.frequencies_hz.T:
-            above = frequencies - excitation_hz
-            for left in np.flatnonzero((above[:-1] > 0) != (above[1:] > 0)):
-                if frequencies[left] > 0 or frequencies[left + 1] > 0:
-                    share = above[left] / (above[left] - above[left + 1])
-                    step = self.speeds_rad_s[left + 1] - self.speeds_rad_s[left]
-                    found.append(float(self.speeds_rad_s[left] + share * step))
-        return np.array(sorted(found))
+        above = self.frequencies_hz - order * self.speeds_rad_s[:, None] / (2 * np.pi)
+        before, mode = np.nonzero((above[:-1] > 0) != (above[1:] > 0))
+        share = above[before, mode] / (above[before, mode] - above[before + 1, mode])
+        crossings = self.speeds_rad_s[before] + share * np.diff(self.speeds_rad_s)[before]
+        moving = np.maximum(self.frequencies_hz[:-1], self.frequencies_hz[1:])[before, mode] > 0
+        return np.sort(crossings[moving])
 
 
 def campbell(system_at: Callable[[float], System], *, speeds_rad_s: Sequence[float] | Array) -> Campbell:

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import ArrayLike
-
+    from data_synth.gears.friction import FrictionShare
     from data_synth.gears.mesh_stiffness import Stiffness
     from data_synth.gears.transmission_error import TransmissionError
 
@@ -87,17 +86,6 @@ class MeshHistory:
         return np.interp(times_s, self.times_s, np.arange(len(self.times_s)))
 
 
-class PhaseFunction(Protocol):
-    """A function of mesh phase with a period of one cycle."""
-
-    @property
-    def jumps(self) -> tuple[float, ...]:
-        """Phases in [0, 1), increasing, at which it jumps."""
-
-    def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return its values at phases in mesh cycles, any shape."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class FrictionForce:
     """Tooth friction: a force of ``direction x factor(phase)`` times the normal force between the driving flanks.
@@ -106,7 +94,7 @@ class FrictionForce:
     ----------
     direction : (dof,) array
         Generalised force per unit of friction force.
-    factor : PhaseFunction
+    factor : FrictionShare
         Friction force over normal force at each mesh phase.
 
     Examples
@@ -126,7 +114,7 @@ class FrictionForce:
     """
 
     direction: Array = field(metadata={"dims": ("dof",), "units": "1 or m, over factor"})
-    factor: PhaseFunction
+    factor: FrictionShare
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.dynamics.modes import undamped_modes
-from data_synth.dynamics.system import FrictionForce, Mesh, PhaseFunction, errors_at
+from data_synth.dynamics.system import FrictionForce, Mesh, errors_at
+from data_synth.gears.friction import FrictionShare
 from data_synth.gears.mesh_stiffness import Stiffness
 from data_synth.gears.transmission_error import ProfileError
 from data_synth.integrators.periodic_tables import FIT_ERROR, Integers, Periodic, Waves, tabulated
@@ -263,7 +264,7 @@ class FrictionStiffness:
     """Mesh stiffness times friction factor as a function of mesh phase."""
 
     stiffness: Stiffness
-    factor: PhaseFunction
+    factor: FrictionShare
 
     @property
     def period(self) -> int:

@@ -32,16 +32,11 @@ _MIXED = 4  # intermodulation: multiples of one order about those of another
 _Base = tuple[Fraction, str, str, str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Candidates:
-    """Candidate orders (k,), increasing and correctly rounded, with (component, kind) of each."""
+def candidates_of(scene: Scene, *, top: float) -> tuple[Array, list[tuple[str, str]]]:
+    """Return the candidate orders (k,) below `top` of the lines of a scene's gears, with (component, kind) of each.
 
-    orders: Array
-    sources: tuple[tuple[str, str], ...]
-
-
-def candidates_of(scene: Scene, *, top: float) -> Candidates:
-    """Return the candidate orders below `top` of the lines of a scene's gears."""
+    Orders are increasing and correctly rounded.
+    """
     bases, passes = _bases_of(scene)
     unit = _unit_of(bases, passes)
     found: dict[int, tuple[str, str]] = {}
@@ -66,7 +61,7 @@ def candidates_of(scene: Scene, *, top: float) -> Candidates:
         add(sums, mesh, "gear_mesh")
     numbers = sorted(found)
     orders = np.array(numbers, dtype=np.int64) * unit.numerator / unit.denominator
-    return Candidates(orders=orders, sources=tuple(found[number] for number in numbers))
+    return orders, [found[number] for number in numbers]
 
 
 def _unit_of(bases: list[_Base], passes: dict[str, tuple[Fraction, int]]) -> Fraction:
@@ -207,11 +202,11 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
     sign = 1.0 if revolutions[-1] > revolutions[0] else -1.0
     speed_hz = np.abs(angle.speed_hz(np.arange(signal.shape[1]) / prepared.scene.rate_hz))
     known = BELOW_NYQUIST * prepared.scene.rate_hz / 2 / np.maximum(speed_hz, _SLOW * np.max(speed_hz))
-    candidates = candidates_of(scene, top=float(np.max(known)))
+    orders, sources = candidates_of(scene, top=float(np.max(known)))
     found = projection(
         signal,
         sign * revolutions,
-        candidates.orders,
+        orders,
         at_rev=sign * angle.revolutions(prepared.instants_s),
         top_order=known,
         steady=steady,
@@ -219,9 +214,9 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
     )
     amplitudes = found.amplitudes if sign > 0 else found.amplitudes.conj()
     lines = tuple(
-        Line(float(candidates.orders[place]), component, kind, amplitude)
+        Line(float(orders[place]), component, kind, amplitude)
         for place, amplitude in zip(found.chosen.tolist(), amplitudes.swapaxes(0, 1), strict=True)
-        for component, kind in [candidates.sources[place]]
+        for component, kind in [sources[place]]
     )
     full = ", as many as the size of the samples admits" if len(lines) == most else ""
     about = (
