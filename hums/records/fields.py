@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from signals._validation import SentenceError, brief, is_float, plain_text
+from signals._validation import SentenceError, brief, is_float, plain_text, real_array
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -101,21 +101,16 @@ class RecordWarning(UserWarning):
 
 def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
     """Return a 1-D array of real numbers as float32 if it is float32, else as float64; masked samples become NaN."""
-    if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
-        array = np.asarray(values)
+        array = real_array(values, name=what)
     except ValueError as error:
-        raise RecordError(f"{what}: not an array of numbers ({error}).") from error
-    if array.dtype.kind not in "iuf":
-        raise RecordError(f"{what}: values of type {array.dtype}; real numbers are needed.")
-    if array.ndim != 1:
+        raise RecordError(str(error)) from None
+    if array.ndim != 1 or not array.size:
         raise RecordError(
-            f"{what}: shape {array.shape}, but one row of numbers is needed; give each column as a separate channel."
+            f"{what}: shape {array.shape}, but one row of at least one number is needed; give each column as a "
+            "separate channel."
         )
-    if array.size == 0:
-        raise RecordError(f"{what}: empty; at least one sample is needed.")
-    single = array.dtype.kind == "f" and array.dtype.itemsize == np.dtype(np.float32).itemsize
+    single = array.dtype.newbyteorder("=") == np.float32
     return array.astype(np.float32 if single else np.float64, copy=False)
 
 

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from hums.records.channels import attach_time, channel_values, measured_quantities, sampling, vibration_channels
+from hums.records.channels import (
+    attach_time,
+    channel_values,
+    detach_time,
+    measured_quantities,
+    sampling,
+    vibration_channels,
+)
 from hums.records.clock import held_times
 from hums.records.fields import RATE_REMEDY, RecordError, positive_number, real_vector
 from hums.records.validation import check_record
@@ -204,11 +211,7 @@ def calibrated(record: xr.Dataset) -> xr.Dataset:
             "nothing to calibrate: no channel declares a sensitivity, calibration_factor or delay_s; give them as "
             'Channel(..., units="V", sensitivity=0.1, measures="g"), or use the record as it is.'
         )
-    delayed = [f"time_{name}" for name in declared if record[name].attrs.get("delay_s")]
-    result = record.drop_vars([axis for axis in delayed if axis in record.coords])  # their new axes start earlier
-    result = result.assign({name: _calibrated(record, name) for name in declared})
-    used = {dim for name in result.data_vars for dim in result[name].dims}
-    result = attach_time(result.drop_vars([axis for axis in result.coords if axis not in used]))[list(record.data_vars)]
+    result = attach_time(detach_time(record).assign({name: _calibrated(record, name) for name in declared}))
     check_record(result)
     return result
 

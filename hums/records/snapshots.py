@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from hums.records.channels import SNAPSHOT, attach_time, detach_time, kind_of, layout_of, other_layout, stacked
+from hums.records.channels import (
+    SNAPSHOT,
+    attach_time,
+    detach_time,
+    kind_of,
+    layout_of,
+    other_layout,
+    stacked,
+    tachometers,
+)
 from hums.records.fields import RecordError
 from hums.records.validation import check_record
 from signals._validation import brief, checked
@@ -118,11 +127,9 @@ def snapshot_record(record: xr.Dataset, number: int) -> xr.Dataset:
         after = float(one["snapshot_s"])
         moment = datetime.fromtimestamp(began.timestamp() + after, tz=began.tzinfo).isoformat().replace("+00:00", "Z")
         one = one.drop_vars("snapshot_s").assign_attrs(recorded_at=moment)
-    for name, variable in one.data_vars.items():
-        if kind_of(str(name), variable) == "tachometer":
-            times_s = variable.values
-            own = xr.Variable(variable.dims, times_s[~np.isnan(times_s)], variable.attrs)
-            one = one.drop_vars(str(name)).assign({name: own})
+    padded = {name: one.variables[name] for name in tachometers(one)}
+    trains = {name: times.isel({times.dims[0]: ~np.isnan(times.to_numpy())}) for name, times in padded.items()}
+    one = one.drop_vars(padded).assign(trains)
     check_record(one)
     return one
 

@@ -52,7 +52,7 @@ def test_samples_at_the_rate_or_at_one_of_their_own(tmp_path):
         ({"x": 3.0}, "use Measured"),
         ({"vib": Measured(values=1, units="N")}, 'named "vib"'),
         ({"x": Measured(values=np.ones(10), units="N")}, '"x" has 10, the others 1000 samples'),
-        ({"x": Measured(values="warm", units="degC")}, "real numbers"),
+        ({"x": Measured(values="warm", units="degC")}, "give a real array"),
     ],
 )
 def test_what_is_refused(measured, said):
