@@ -69,7 +69,8 @@ def jumps(
 
     The record is cut into 64 parts. In a run-up the level changes from part to part; on either side of a jump it is
     steady over eight parts. Where the speed of the machine (m,), at even times over the record, changes with the level,
-    a resonance may have caused the change, which can be larger than that of any loose sensor.
+    a resonance may have caused the change, which can be larger than that of any loose sensor, but takes longer than a
+    quarter of a part: the speed has to change by its width.
     """
     fewest_in_part = 64
     if x.size < _PARTS * fewest_in_part:
@@ -85,7 +86,7 @@ def jumps(
         if jump > np.log(2.0):  # smallest ratio of RMS
             before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
             factor = float(np.exp(jump))
-            earlier_hz, later_hz = _adjacent_speeds(speed_hz, at)
+            earlier_hz, later_hz = _speeds_beside(parts, at, speed_hz, sudden=faulty_jump)
             # 0.03 of the speed: as much as half the width of a resonance with 3 % of damping
             turns = abs(later_hz - earlier_hz) > 0.03 * abs(earlier_hz)
             why = (
@@ -113,12 +114,22 @@ def jumps(
     return found, None
 
 
-def _adjacent_speeds(speed_hz: Array | None, at: int) -> tuple[float, float]:
-    """Return the median speed before and after a part; zero where the speed is unknown."""
+def _speeds_beside(parts: Samples, at: int, speed_hz: Array | None, *, sudden: float) -> tuple[float, float]:
+    """Return the speed before and after a jump; zero where the speed is unknown.
+
+    It is the median over the parts on either side, but half a part from the jump where the level changes within a
+    quarter of a part by a `sudden` factor: a resonance would take longer.
+    """
     if speed_hz is None:
         return 0.0, 0.0
-    each = np.interp((np.arange(_PARTS) + 0.5) / _PARTS, np.linspace(0, 1, speed_hz.size), speed_hz)
-    before, after = _sides(each, at)
+    cells = np.array([cell.std(dtype=np.float64) for cell in np.array_split(parts[at - 1 : at + 2].ravel(), 24)])
+    ratio = np.maximum(cells[2:], 1e-30) / np.maximum(cells[:-2], 1e-30)
+    step = int(np.abs(np.log(ratio)).argmax())
+    places = (np.arange(_PARTS) + 0.5) / _PARTS
+    if abs(np.log(ratio[step])) > np.log(sudden):
+        places = (at - 1 + (step + 1.5) / 8 + np.array([-0.5, 0.5])) / _PARTS
+    each = np.interp(places, np.linspace(0, 1, speed_hz.size), speed_hz)
+    before, after = _sides(each, at) if each.size > 2 else (each[:1], each[1:])  # noqa: PLR2004
     return float(np.median(before)), float(np.median(after))
 
 

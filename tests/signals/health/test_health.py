@@ -244,6 +244,14 @@ def test_a_jump_of_level_where_the_speed_changes_is_no_sick_sensor():
         assert sensor_health(x, rate_hz=RATE_HZ, units="g", speed_hz=speed_hz).status == "faulty"
 
 
+@pytest.mark.parametrize(("width", "status"), [(0.0, "faulty"), (0.05, "suspect")])
+def test_a_jump_of_level_in_a_run_up_is_a_sick_sensor_if_it_is_sudden(width, status):
+    """A cable that comes off, and a resonance that the speed takes a twentieth of the record to pass."""
+    share = np.clip((TIME / TIME[-1] - 0.5) / max(width, 1e-9) + 0.5, 0, 1)
+    verdict = sensor_health(gear(14) * 0.03**share, rate_hz=RATE_HZ, units="g", speed_hz=np.linspace(15, 30, 200))
+    assert [(fault.kind, fault.severity) for fault in verdict.faults] == [("level jump", status)]
+
+
 @pytest.mark.parametrize(("offset", "status"), [(5.0, "suspect"), (50.0, "faulty")])
 def test_a_jump_of_the_mean(offset, status):
     verdict = judge(noise(15) + offset * (TIME > 2))
