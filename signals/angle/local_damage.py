@@ -448,9 +448,9 @@ class _Others:
 
 
 def _over(excess: Array, scale: Array) -> Array:
-    """Return an excess in units of a scale, infinite if there is no scatter."""
+    """Return an excess in units of a scale, infinite if there is no scatter but an excess."""
     excess, scale = np.broadcast_arrays(excess, scale)
-    return np.asarray(np.divide(excess, scale, out=np.full(excess.shape, np.inf), where=scale > 0))
+    return np.asarray(np.divide(excess, scale, out=np.where(excess > 0, np.inf, 0.0), where=scale > 0))
 
 
 def _tail(ratio: Array | float, freedom: Array | float) -> Array:

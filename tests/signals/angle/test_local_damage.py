@@ -191,6 +191,11 @@ def test_a_drop_out_changes_little():
     assert judged(turns).outlier == pytest.approx(whole.outlier, rel=0.2)
 
 
+def test_energies_that_do_not_scatter_show_no_tooth():
+    found = judged(np.ones((BANDS, TURNS, CELLS)))
+    assert (found.local, found.outlier) == (1.0, 0.0)
+
+
 def test_samples_left_out_leave_no_tooth():
     turns = noise(np.random.default_rng(10))
     turns[:, :, 12:14] *= 6
