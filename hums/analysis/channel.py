@@ -99,6 +99,7 @@ class AnalysedChannel:
     no_band: str = ""
     bands: tuple[BandEvidence, ...] = field(default=(), repr=False)
     evidence: tuple[PartEvidence, ...] = ()
+    undrawn: str = ""  # deepest line of its envelopes that belongs to no component
     unexplained: tuple[UnexplainedLine, ...] = ()
     of_pulses: int = 0  # lines that are sidebands by the tachometer's jitter
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
@@ -201,7 +202,7 @@ def analyse_channel(
     )
     longest = max(read_anew(segments), key=lambda one: one.turns)
     lines = _with_passed_mains(lines, longest)
-    best, seen, evidence = _assessed_envelopes(
+    best, seen, evidence, undrawn = _assessed_envelopes(
         envelopes, segments, longest, machine, in_envelopes, settings, searches=len(bands), width=width
     )
     angle = machine.phase
@@ -248,6 +249,7 @@ def analyse_channel(
         no_band=no_band,
         bands=seen,
         evidence=evidence,
+        undrawn=undrawn,
         unexplained=tuple(_unless_passed_mains(line, longest) for line in unexplained),
         of_pulses=of_pulses,
         envelope_reach=0.0 if best is None else best.reach,
@@ -447,38 +449,34 @@ def _pooled_condition(name: str, channel: ChannelSegments, parts: Sequence[_Part
 
 @dataclass
 class _Pool:
-    """Sum of the power of spectra on one axis."""
+    """Sum of the power of spectra on the axis of the first, of which no lines are kept."""
 
     first: AmplitudeSpectrum
     power: NDArray[np.float64]
     count: int = 1
 
     @staticmethod
-    def add(pool: "_Pool | None", spectrum: AmplitudeSpectrum, *, single: bool) -> "_Pool":
-        """Return the pool with another spectrum added; only its power is kept unless it is `single`."""
+    def add(pool: "_Pool | None", spectrum: AmplitudeSpectrum) -> "_Pool":
+        """Return the pool with another spectrum added."""
         power = spectrum.amplitude**2
         if pool is None:
-            empty = replace(spectrum, amplitude=power[:0], complex_amplitude=np.zeros(0, dtype=np.complex128))
-            return _Pool(spectrum if single else empty, power)
+            none = np.zeros(0, dtype=np.complex128)
+            return _Pool(replace(spectrum, amplitude=power[:0], complex_amplitude=none), power)
         np.add(pool.power, power, out=pool.power)
         pool.count += 1
         return pool
 
     def spectrum(self) -> AmplitudeSpectrum:
         """Return the pooled spectrum."""
-        first = self.first
-        if self.count == 1 and not first.amplitude.size:
-            amplitude = np.sqrt(self.power)
-            first = replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
-        return pooled_spectrum(first, power=self.power, count=self.count)
+        return pooled_spectrum(self.first, power=self.power, count=self.count)
 
 
 def _with_order_spectra(pool: _Pool | None, segment: Segment, block: float, *, single: bool) -> _Pool | None:
     """Return the pool with the order spectra of the blocks of a segment added."""
     if single:
-        return _Pool.add(pool, segment.spectrum, single=True)
+        return _Pool.add(pool, segment.spectrum)
     for one in _blocks(segment.signal, block, single=False):
-        pool = _Pool.add(pool, order_spectrum(one, max_order=segment.last_order), single=False)
+        pool = _Pool.add(pool, order_spectrum(one, max_order=segment.last_order))
     return pool
 
 
@@ -548,12 +546,12 @@ class _Envelopes:
                 level = float(signal.values.mean())
                 self.levels.setdefault(band, []).append((level, segment.turns))
                 even = level_normalised(signal, revolutions=_LEVEL_PERIODS / self.slowest)
-                flat.append(even if single else replace(even, values=even.values / level if level > 0 else even.values))
+                flat.append(replace(even, values=even.values / level if level > 0 else even.values))
             for signals_of in zip(*(_blocks(one, block, single=single) for one in flat), strict=True):
                 # envelopes of a bank are in single precision already
                 spectra = order_spectra(signals_of, max_order=self.last, single=True)
                 for (band, _), spectrum in zip(some, spectra, strict=True):
-                    self.pools[band] = _Pool.add(self.pools.get(band), spectrum, single=single)
+                    self.pools[band] = _Pool.add(self.pools.get(band), spectrum)
 
     def _over_angle(self, segment: Segment) -> Iterator[AngularSignal]:
         """Yield the envelope of each band over angle, resampled several at a time."""
@@ -574,8 +572,6 @@ class _Envelopes:
         """Return the mean level of a band's envelope, and its spectrum."""
         levels, turns = zip(*self.levels[band], strict=True)
         pooled = self.pools[band].spectrum()
-        if len(levels) == 1:
-            return levels[0], pooled
         level = float(np.average(levels, weights=turns))
         amplitude = pooled.amplitude * level
         return level, replace(pooled, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
@@ -591,11 +587,11 @@ def _assessed_envelopes(
     *,
     searches: int,
     width: float,
-) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...]]:
-    """Return the envelope with the strongest evidence, the lines in all bands, and their evidence."""
+) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...], str]:
+    """Return the envelope with the strongest evidence, the lines in all bands, their evidence, and what has no part."""
     name, units = segments[0].name, segments[0].units
     if not envelopes.bands:
-        return None, (), ()
+        return None, (), (), ""
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
@@ -625,7 +621,7 @@ def _assessed_envelopes(
                 line_probability=assessor.single_probability(lines),
             )
         )
-    evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
+    evidence, undrawn = bearing_evidence(seen, assessor.bearings, setting_of(machine))
     if len(segments) > 1:
         evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
     if segments[0].parts_per_turn == 1 and machine.separates_time_from_angle:
@@ -636,7 +632,8 @@ def _assessed_envelopes(
         place = [band.band_hz for band in seen].index((strongest.band_low_hz, strongest.band_high_hz))
     best = found[place]
     reach = max(float(one.spectrum.axis[-1]) for one in found)
-    return replace(best, band=_explained(best.band, strongest, searches), reach=reach), tuple(seen), tuple(evidence)
+    best = replace(best, band=_explained(best.band, strongest, searches), reach=reach)
+    return best, tuple(seen), tuple(evidence), undrawn
 
 
 def _unresolved(
@@ -724,17 +721,16 @@ def setting_of(machine: Machine) -> Setting:
 
 
 def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -> EnvelopeBand:
-    """Return a band with the reason for its choice, and the doubts about it."""
+    """Return a band with the reason for its choice."""
     if not band.chosen:
         return band
     why = f"{band.low_hz:.6g}-{band.high_hz:.6g} Hz, of {count} bands from halves to sixteenths of the range"
-    doubts: tuple[str, ...] = ()
     if strongest is None or strongest.strength == 0:
-        doubts = ("No bearing line stands out in any band.",)
-    else:
-        part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.depth:.1%}, more than any other part"
-    return replace(band, why=why + ".", doubts=doubts)
+        return replace(band, why=f"{why}. No bearing line stands out in any band.")
+    part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
+    return replace(
+        band, why=f"{why}: the line of {part} modulates it by {strongest.depth:.1%}, more than any other part."
+    )
 
 
 def _spectrum_end(expected: Iterable[ExpectedLine], stated: float | None, highest: float) -> float:

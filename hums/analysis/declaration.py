@@ -38,7 +38,7 @@ _SHAFT = (0.95, 0.6, 0.4, 0.3, 0.25, 0.2)
 _BEARING = (0.95, 0.9, 0.7)
 _VISIBLE = 0.8  # share of shafts and meshes that show
 _DAMAGED = 0.5  # of records: a bearing shows where it is damaged
-_FACTORS = (2, 3, 4)  # of pulses per revolution, and one over them
+_MOST_PULSES = 4  # declared or true, for ratios of both
 _SPREADS = (0.0, 3e-4, 1e-3, 3e-3)  # of a line, relative to its order
 _NOMINAL = 0.1  # relative: how far off a nominal speed may be
 _PATH_S = 0.002  # of delay by modes of the path: about 1 / (damping * 2 pi * frequency) of one of 1 kHz and 8 %
@@ -133,9 +133,16 @@ def _if_it_shows(share: float, evidence: float | Numbers) -> Numbers:
 
 
 def judged_declaration(
-    channels: Sequence[tuple[AmplitudeSpectrum, Sequence[BandEvidence]]], machine: Machine, *, slip: float
+    channels: Sequence[tuple[AmplitudeSpectrum, Sequence[BandEvidence]]],
+    machine: Machine,
+    *,
+    slip: float,
+    damaged: Sequence[float] = (),
 ) -> Declaration:
-    """Test the declared angle of a machine against the order spectra and envelopes of its channels."""
+    """Test the declared angle of a machine against the order spectra and envelopes of its channels.
+
+    Lines at multiples of the orders in `damaged`, those of bearings with a line, show no tooth number.
+    """
     comb = _Comb(machine, slip)
     spectra = [
         (_Peaks.of(one), [_Peaks.of_band(band) for band in bands if band.orders.size]) for one, bands in channels
@@ -149,10 +156,14 @@ def judged_declaration(
         """Return the evidence of shafts and meshes for this ratio of the true speed to the declared one."""
         return max(float(comb.of_lines(peaks, np.array([ratio]), spread)[0]) for peaks, _ in spectra)
 
-    bearings = max(comb.of_bearings(bands, 1.0) for _, bands in spectra)
+    def of_bearings(ratio: float) -> float:
+        return max(comb.of_bearings(bands, ratio) for _, bands in spectra)
+
+    bearings = of_bearings(1.0)
     declared = of_lines(1.0) + bearings
     nominal = machine.source.declared is not None
-    best, words = max((of_lines(ratio), words) for words, ratio in _rivals(machine))
+    # harmonics of a bearing are also some bearing's at half the speed or twice: they support a rival, but decide none
+    best, words = max((of_lines(ratio) + min(of_bearings(ratio), bearings), words) for words, ratio in _rivals(machine))
     rival = min(best, best - declared)
     if not nominal and rival >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
@@ -190,7 +201,8 @@ def judged_declaration(
         )
     explained = ratio is not None or spreading or rival >= CONFIRMED
     unseen, unsure = comb.unseen([peaks for peaks, _ in spectra], machine, spread)
-    misdrawn = comb.misdrawn([one for peaks, bands in spectra for one in (peaks, *bands)], machine, spread)
+    every = [one for peaks, bands in spectra for one in (peaks, *bands)]
+    misdrawn = comb.misdrawn(every, machine, spread, damaged)
     return Declaration(doubt=doubt, explained=explained, unseen=unseen, unsure=unsure, misdrawn=misdrawn)
 
 
@@ -198,14 +210,15 @@ def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
     """Yield the alternatives to a declaration, in words, with their speed over the declared one."""
     source = machine.source
     orders = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0}
-    for factor in (*_FACTORS, *(1 / one for one in _FACTORS)):
+    counts = range(1, _MOST_PULSES + 1)
+    for factor in sorted({one / other for one in counts for other in counts if one != other}):
         pulses = source.pulses_per_rev / factor
         as_declared = (
             f"pulses_per_rev={pulses:g} in place of {source.pulses_per_rev}"
             if source.tachometer and pulses == round(pulses)
             else f"{factor:.3g} times the speed of {machine.reference}"
         )
-        yield as_declared, float(factor)
+        yield as_declared, factor
     for shaft, order in orders.items():
         ratio = orders.get(source.shaft, 0.0) / order
         if ratio and abs(ratio - 1) > _NOMINAL and shaft != source.shaft:
@@ -286,7 +299,9 @@ class _Comb:
         words = f"no line of mesh {names} stands out: check the tooth numbers, or measure closer to it"
         return words if missing else "", tuple(sorted(unsure | on_them.keys()))
 
-    def misdrawn(self, spectra: Sequence[_Peaks], machine: Machine, spread: float) -> dict[str, str]:
+    def misdrawn(
+        self, spectra: Sequence[_Peaks], machine: Machine, spread: float, damaged: Sequence[float]
+    ) -> dict[str, str]:
         """Return the gear and the bearings of a shaft that turns as with another tooth number, and what shows that.
 
         The order of the last shaft of a train moves no mesh. Its lines in spectra and envelopes are compared with those
@@ -294,7 +309,7 @@ class _Comb:
         """
         rows, multiples = machine.defect_orders, np.arange(1.0, 1 + _MULTIPLES)
         meshes = {row.component: row.order for row in rows if row.kind == "gear_mesh"}
-        drawn = np.outer([*self.shafts, *meshes.values()], np.arange(1, 1 + 3 * _MULTIPLES)).ravel()
+        drawn = np.outer([*self.shafts, *meshes.values(), *damaged], np.arange(1, 1 + 3 * _MULTIPLES)).ravel()
 
         def shown(order: float, others: Numbers) -> float:
             lines, found = order * multiples, [-math.inf]

@@ -44,6 +44,7 @@ from hums.analysis.thresholds import (
     RIVAL_FACTOR,
     SEEN,
     SHAFT_MULTIPLES,
+    SLIP_SCATTER,
     STEADY_SPEED,
     TRUSTED_SNR,
 )
@@ -58,6 +59,7 @@ _LOAD_MULTIPLES = 4  # of a shaft, from modulation once and twice per revolution
 _FULL_COMB = 0.7  # share of eight multiples of a slow shaft, from impacts; a defect with sidebands has fewer
 _MULTIPLES = 3  # of another line that may coincide with the line of a part
 _DRAWN = 0.02  # relative distance within which a line is one of the drawing
+_OF_A_BEARING = (1.5, 20.0)  # cycles a turn of its rings of races and elements: 4 large rollers, 40 small ones
 _MISDECLARED = 0.2  # relative: one element more or less moves the lines of a bearing of seven or more by less
 
 Numbers = NDArray[np.float64]
@@ -122,14 +124,14 @@ class PartEvidence:
         Significant harmonics and sidebands.
     sidebands : int
         Number of sidebands among them.
+    carried : int
+        1 if the load zone modulates its line: of a race that turns, and of a rolling element.
     hidden_by : str
         What else explains its line; empty if nothing does.
-    detectable_depth : float
-        Least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest bands,
-        since damage may ring in any part of the range.
     possible_depth : float
-        Largest modulation that may have gone undetected in one of the widest bands. It is below `detectable_depth` if
-        the line measured there is so small that a deeper one would have been larger in nine of ten records.
+        Largest modulation that may have gone undetected in one of the widest bands, since damage may ring in any part
+        of the range: that of a line which is significant and `JUDGED_SNR` times the background, or less if the line
+        measured there is so small that a deeper one would have been larger in nine of ten records.
     inspected_hz : (float, float)
         Range of these bands; damage that rings outside it is not excluded.
     unsure_depth : float
@@ -138,6 +140,8 @@ class PartEvidence:
     other_order, other_depth, other_strength : float
         Strongest line in the best band, no slower than the slowest part, that this part does not explain, and its
         strength on its own; 0 if there is none. What causes the line of this part shows its own line beside it.
+    undrawn : str
+        Deep line that the drawing does not explain and its bearing might make, and what to check; empty without one.
     sibling_depths : tuple of float
         Depths, in the best band, of the significant lines of the parts of the bearing, in the order of
         `BEARING_KINDS`, 0 if there is none; empty if the strength is 0.
@@ -161,14 +165,15 @@ class PartEvidence:
     strength: float = 0.0
     support: str = ""
     sidebands: int = 0
+    carried: int = 0
     hidden_by: str = ""
-    detectable_depth: float = math.inf
     possible_depth: float = math.inf
     inspected_hz: tuple[float, float] = (0.0, math.inf)
     unsure_depth: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
     other_strength: float = 0.0
+    undrawn: str = ""
     sibling_depths: tuple[float, ...] = ()
     modulation: float = 0.0
 
@@ -199,8 +204,10 @@ def strength(depths: Sequence[float], snr: float) -> float:
 
 def bearing_evidence(
     bands: Sequence[BandEvidence], bearings: Mapping[str, BearingOrders], setting: Setting
-) -> list[PartEvidence]:
+) -> tuple[list[PartEvidence], str]:
     """Return the evidence for every kind of defect of every bearing whose fundamental was measured in a band.
+
+    The second value describes the deepest line that the drawing does not explain; it is empty if there is none.
 
     Parameters
     ----------
@@ -220,85 +227,69 @@ def bearing_evidence(
         replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
     ]
     parts = [replace(part, hidden_by=part.hidden_by or _carried(part, parts, bearings)) for part in parts]
-    strange = _stranger(bands, parts, setting)
-    parts = [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
-    left = [_without_parts(band, parts, bearings) for band in bands]
-    moved = {component: _on_another_shaft(left, bearings[component], setting) for component, _ in families}
-    return [
-        replace(part, unsure_depth=moved[part.component][0], hidden_by=moved[part.component][1])
-        if part.strength == 0 and moved[part.component][0] > part.unsure_depth
-        else part
-        for part in parts
-    ]
+    strange = _strange_lines(bands, parts, setting)
+    undrawn = {component: _undrawn(bearings[component], strange, setting) for component, _ in families}
+    return [replace(part, undrawn=undrawn[part.component]) for part in parts], _unknown(strange)
 
 
-def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], setting: Setting) -> tuple[float, float]:
-    """Return depth and order of the deepest line with a harmonic that neither drawing nor mains explain, or zeros."""
-    multiples = np.arange(1, _MULTIPLES + 1)
-    width = MATCH_BINS * max((band.bin_width for band in bands), default=0.0)
-    # a shaft too slow for its sidebands to be resolved from the line is left out
-    spacings = [shaft for shaft in setting.shafts if shaft > 2 * width]
-    drawn = np.outer([part.order for part in parts], multiples).ravel()
-    shown = np.outer([part.found for part in parts if part.strength > 0], multiples).ravel()
-    sidebands = np.add.outer(shown, np.outer(spacings, (-2, -1, 1, 2)).ravel()).ravel()
-    about = np.concatenate([drawn, sidebands])
-    slowest = min((part.order for part in parts), default=0.0) * (1 - _MISDECLARED)
-    found = (0.0, 0.0)
-    for band in bands:
-        deep = (band.depths >= FAULTY_DEPTH) & (band.orders >= slowest) & ~_of_shafts(band.orders, width, setting)
-        for _, multiple in mains_multiples(band.orders, setting, 0.5 * width * setting.speed_hz):
-            deep &= multiple == 0
-        for place in np.flatnonzero(deep):
-            order = float(band.orders[place])
-            near = (np.abs(about - order) <= np.maximum(width, _DRAWN * about)).any()
-            harmonic = (np.abs(band.orders - 2 * order) <= width).any()
-            if harmonic and not near:
-                lowest = min(order / by for by in multiples if (np.abs(band.orders - order / by) <= width).any())
-                found = max(found, (float(band.depths[place]), lowest))
-    return found
+def _unknown(strange: Sequence[tuple[float, float]]) -> str:
+    """Return what the deepest of some lines that the drawing does not explain may be; empty if there is none."""
+    return next(
+        (
+            f"the envelope line at {order:.3f} orders, which modulates a band by {depth:.0%}, belongs to no component: "
+            "the data of a bearing may be wrong (elements, diameters, contact angle), a bearing may be missing from "
+            "the drawing, or another machine strikes"
+            for depth, order in strange
+        ),
+        "",
+    )
 
 
-def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartEvidence:
-    """Return the evidence for a part without a line, doubted if an unexplained line is near its order."""
-    if not depth or abs(order / part.order - 1) > _MISDECLARED or depth <= part.unsure_depth:
-        return part
-    why = f"the line at {order:.3f}, which modulates by {depth:.0%}, belongs to no component; check the bearing"
-    return replace(part, unsure_depth=depth, hidden_by=why)
+def _strange_lines(
+    bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], setting: Setting
+) -> list[tuple[float, float]]:
+    """Return depth and order of deep lines with a harmonic that neither drawing nor mains explain, the deepest first.
 
-
-def _without_parts(
-    band: BandEvidence, parts: Sequence[PartEvidence], bearings: Mapping[str, BearingOrders]
-) -> BandEvidence:
-    """Return a band in which the lines of the parts that were found have no depth."""
-    known = np.zeros(band.orders.size, dtype=bool)
-    for part in parts:
-        if part.strength > 0 and not part.hidden_by:
-            spacings = load_spacings(bearings[part.component], part.kind)
-            known |= _own(band.orders, part.found, spacings, MATCH_BINS * band.bin_width)
-    return replace(band, depths=np.where(known, 0.0, band.depths))
-
-
-def _on_another_shaft(bands: Sequence[BandEvidence], bearing: BearingOrders, setting: Setting) -> tuple[float, str]:
-    """Return how deep a line is that a bearing would cause on another shaft, and what to check, or zero and nothing.
-
-    The line has a harmonic, is none of a deeper line, and no shaft explains it.
+    A part with a line explains the harmonics of it that are at most twice as deep, and sidebands that are no deeper.
     """
-    found = (0.0, "")
-    for kind, shaft in itertools.product(("inner_race", "outer_race", "rolling_element"), setting.shafts):
-        if math.isclose(shaft, abs(bearing.relative), rel_tol=_DRAWN):
-            continue
-        order = abs(getattr(bearing, kind) * shaft / bearing.relative)
-        for band in bands:
-            deep = (np.abs(band.orders / order - 1) <= _DRAWN) & (band.depths > max(found[0], FAULTY_DEPTH))
-            width = MATCH_BINS * band.bin_width
-            for place in np.flatnonzero(deep):
-                line, depth = float(band.orders[place]), float(band.depths[place])
-                if not (np.abs(band.orders - 2 * line) <= width).any():
-                    continue
-                if not (_harmonic(line, depth, band, setting) or _comb_of_a_shaft(line, depth, band, setting)):
-                    of = f"the line at {line:.3f}, which modulates by {depth:.0%}, would be {kind.replace('_', ' ')}"
-                    found = (depth, f"{of} on the shaft of order {shaft:.4g}; check on which shaft the bearing sits")
-    return found
+    slowest = min((part.order for part in parts), default=0.0) * (1 - _MISDECLARED)
+    drawn = np.array([part.order for part in parts])
+    found: list[tuple[float, float]] = []
+    for band in bands:
+        orders, width = band.orders, MATCH_BINS * band.bin_width
+        strange = (band.depths >= FAULTY_DEPTH) & (orders >= slowest)
+        strange &= ~_of_shafts(orders, EXACT_BINS * band.bin_width if setting.measured else width, setting)
+        strange &= (np.abs(orders[:, None] - drawn) > np.maximum(width, _DRAWN * drawn)).all(axis=1)
+        for _, multiple in mains_multiples(orders, setting, 0.5 * width * setting.speed_hz):
+            strange &= multiple == 0
+        spacings = [shaft for shaft in setting.shafts if shaft > 2 * width]
+        scatter = np.maximum(width, SLIP_SCATTER * orders)
+        for part in (one for one in parts if one.strength > 0):
+            strange &= ~(_own(orders, part.found, (), scatter) & (band.depths <= 2 * part.depth))
+            strange &= ~(_own(orders, part.found, spacings, scatter) & (band.depths <= part.depth))
+        for order, depth in zip(orders[strange].tolist(), band.depths[strange].tolist(), strict=True):
+            if (np.abs(orders - 2 * order) <= width).any():
+                found.append((depth, order))
+    return sorted(found, reverse=True)
+
+
+def _undrawn(bearing: BearingOrders, strange: Sequence[tuple[float, float]], setting: Setting) -> str:
+    """Return which line that the drawing does not explain a bearing might make, and what to check; empty if none.
+
+    It may sit on another shaft, where its own orders fit the line; or its data may be wrong.
+    """
+    elsewhere = [
+        (abs(getattr(bearing, kind) * shaft / bearing.relative), kind, shaft)
+        for kind, shaft in itertools.product(("inner_race", "outer_race", "rolling_element"), setting.shafts)
+        if not math.isclose(shaft, abs(bearing.relative), rel_tol=_DRAWN)
+    ]
+    for depth, order in strange:
+        for expected, kind, shaft in elsewhere:
+            if abs(order / expected - 1) <= _DRAWN:
+                of = f"the envelope line at {order:.3f} orders, which modulates a band by {depth:.0%}, would be that of"
+                return f"{of} {kind.replace('_', ' ')} on the shaft of order {shaft:.4g}; check on which shaft it sits"
+    low, high = (abs(bearing.relative) * turns for turns in _OF_A_BEARING)
+    return _unknown([one for one in strange if low <= one[1] <= high])
 
 
 def _sibling_depths(
@@ -360,6 +351,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         kind=main.expected.kind,
         channel=main.channel,
         units=main.units,
+        carried=int(bool(spacings)),
         order=main.expected.order,
         found=main.line.found,
         amplitude=main.line.amplitude,
@@ -368,7 +360,6 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         bin_width=main.bin_width,
         band_low_hz=band.band_hz[0],
         band_high_hz=band.band_hz[1],
-        detectable_depth=max(_detectable_depth(*one) for one in whole),
         possible_depth=_possible_depth(seen, whole),
         inspected_hz=(min(one.band_hz[0] for one, _ in whole), max(one.band_hz[1] for one, _ in whole)),
         unsure_depth=0.0 if unsure is None else unsure.measured.depth,
@@ -504,18 +495,18 @@ def _sidebands(main: MeasuredLine, band: BandEvidence, spacings: Iterable[float]
     return sidebands
 
 
-def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: float) -> NDArray[np.bool_]:
+def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: float | Numbers) -> NDArray[np.bool_]:
     """Return which orders are harmonics of a fundamental, sidebands of them, or multiples of their spacing."""
     offsets = [0.0, *(side * s for s in spacings for side in range(-_SIDEBANDS, _SIDEBANDS + 1) if side)]
     own = np.zeros(orders.size, dtype=bool)
-    own |= _ofload_spacings(orders, spacings, width)
+    own |= _of_spacings(orders, spacings, width)
     for offset in offsets:
         multiple = np.maximum(1, np.round((orders - offset) / fundamental))
         own |= np.abs(orders - offset - multiple * fundamental) <= width * np.sqrt(multiple)
     return own
 
 
-def _ofload_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
+def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float | Numbers) -> NDArray[np.bool_]:
     """Return which orders are multiples of a spacing: what carries a defect also modulates the envelope directly."""
     on = np.zeros(orders.size, dtype=bool)
     for spacing in spacings:
@@ -594,7 +585,7 @@ def _harmonic(order: float, depth: float, band: BandEvidence, setting: Setting, 
     """
     width = MATCH_BINS * band.bin_width
     multiples = np.round(order / band.orders)
-    near = np.abs(order - multiples * band.orders) <= width
+    near = np.abs(order - multiples * band.orders) <= max(width, SLIP_SCATTER * order)  # which slip widens
     deep = band.depths >= np.where(multiples > _MULTIPLES, depth, depth / 2)
     many = (multiples > 1) & (multiples <= IMPACT_HARMONICS) & (multiples != own)
     carriers = np.flatnonzero(near & deep & many & ~_of_shafts(band.orders, width, setting))

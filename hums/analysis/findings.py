@@ -41,6 +41,7 @@ __all__ = [
     "NOT_JUDGED",
     "Finding",
     "bearing_verdicts",
+    "doubted",
     "findings",
     "judging_nothing",
     "not_judged_words",
@@ -56,8 +57,8 @@ _UNKNOWN = "unknown: no earlier record of this machine to compare with"
 class Finding:
     """Verdict on one kind of defect of one component, with the evidence in words and its strongest line.
 
-    `depth` is the modulation of the band by that line, `detectable_depth` the least that would be detected; NaN if a
-    verdict has none. `doubts` are the reasons for which it is not diagnosed, or not judged.
+    `depth` is the modulation of the band by that line, NaN if a verdict has none. `doubts` are the reasons for which it
+    is not diagnosed, or not judged.
     """
 
     component: str
@@ -72,7 +73,6 @@ class Finding:
     units: str = ""
     strength: float = math.nan
     depth: float = math.nan
-    detectable_depth: float = math.nan
     doubts: str = ""
     severity: str = _UNKNOWN
     next_step: str = ""
@@ -192,13 +192,17 @@ def _with_equal_bearings(results: Sequence[Finding], orders: Mapping[tuple[str, 
 def _also(one: Finding, equal: Sequence[str]) -> Finding:
     """Return a finding that may also be on bearings with the same orders."""
     doubt = f"it may be {' or '.join(equal)}, which {'has' if len(equal) == 1 else 'have'} the same orders"
+    return replace(doubted(one, doubt), next_step=f"Inspect {one.component} and {' and '.join(equal)}.")
+
+
+def doubted(one: Finding, doubt: str) -> Finding:
+    """Return a finding that a doubt makes indicated."""
     joint = "; " if one.doubts else "; not certain: "
     return replace(
         one,
         verdict=INDICATED,
         evidence=f"{one.evidence.removesuffix('.')}{joint}{doubt}.",
         doubts="; ".join(filter(None, [one.doubts, doubt])),
-        next_step=f"Inspect {one.component} and {' and '.join(equal)}.",
         least_change=f"diagnosed if this doubt is resolved: {doubt}" if not one.doubts else one.least_change,
     )
 
@@ -309,7 +313,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         doubts.append("damage to a rolling element also produces this line")
     if not part.support:
         doubts.append("no harmonic or sideband supports it")
-    elif part.kind == "inner_race" and not part.sidebands:
+    elif part.kind in {"inner_race", "outer_race"} and part.carried and not part.sidebands:
         doubts.append("it has no sidebands from passing the load zone, as expected on a rotating race")
     doubts += [
         f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(_where_it_is(part, rival), part)}"
@@ -438,6 +442,8 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         least_change = f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})"
         step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
         return _not_judged(part, why, probability=probability, least_change=least_change, next_step=step)
+    if part.undrawn:
+        return _not_judged(part, f"unexplained: {part.undrawn}", least_change="nothing found without that line")
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"detectable up to {blind:.2g} times the background noise")]
@@ -480,7 +486,6 @@ def _blank(part: PartEvidence) -> Finding:
         units=part.units,
         strength=part.strength,
         depth=part.depth,
-        detectable_depth=part.detectable_depth,
     )
 
 

@@ -51,7 +51,7 @@ from hums.analysis.tracks import (
     track_lines,
 )
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
-from hums.analysis.verdicts import CONTRADICTION, DOUBT, MISDRAWN, UNSURE, evidence_groups, verdicts_from
+from hums.analysis.verdicts import CONTRADICTION, DOUBT, EXPLAINED, MISDRAWN, UNSURE, evidence_groups, verdicts_from
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
 from hums.records.channels import is_average
@@ -167,6 +167,7 @@ def analyze(
         "/": xr.Dataset(
             attrs=root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
             | {CONTRADICTION: declaration.contradiction, DOUBT: declaration.doubt}
+            | {EXPLAINED: int(declaration.explained)}
             | {UNSURE: json.dumps(dict.fromkeys(declaration.unsure, declaration.unseen))}
             | {MISDRAWN: json.dumps(declaration.misdrawn)}
         ),
@@ -231,8 +232,10 @@ def _analysed(
 def _declaration(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> Declaration:
     if machine.source.contradiction:
         return Declaration(contradiction=machine.source.contradiction)
-    sound = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in channels if not one.faulty]
-    return judged_declaration(sound, machine, slip=settings.slip)
+    sound = [one for one in channels if not one.faulty]
+    spectra = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in sound]
+    damaged = [part.found for one in sound for part in one.evidence if part.strength > 0 and not part.hidden_by]
+    return judged_declaration(spectra, machine, slip=settings.slip, damaged=damaged)
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
@@ -516,6 +519,11 @@ def _channel_notes(channel: AnalysedChannel, machine: Machine, settings: Analysi
     elif channel.analysed_s < _MOST_OF * channel.duration_s:
         where = "the tachometer covers" if machine.source.tachometer else "the shaft's angle is known for"
         yield f"{analysed}, the whole revolutions that {where}; the rest is not analysed."
+    if channel.undrawn:
+        yield f"{channel.undrawn}."
+    if isinstance(settings.envelope_band_hz, tuple):
+        low, high = settings.envelope_band_hz
+        yield f"bearings were inspected from {low:g} to {high:g} Hz alone: damage that rings elsewhere is not seen."
     if channel.crest_factor > _SPIKE:
         yield (
             f"one sample reaches {channel.crest_factor:.0f} times the RMS, like an electrical spike, which may mask "

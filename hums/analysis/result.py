@@ -38,13 +38,12 @@ GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeBand:
-    """Demodulated band in Hz; if it was chosen from the record, with the reason and the doubts about it."""
+    """Demodulated band in Hz; if it was chosen from the record, with the reason."""
 
     low_hz: float
     high_hz: float
     chosen: bool
     why: str = ""
-    doubts: tuple[str, ...] = ()
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -292,7 +291,6 @@ def _band_columns(bands: Sequence[EnvelopeBand]) -> dict[str, tuple[str, Any]]:
         "band_high_hz": ("channel", [band.high_hz for band in bands]),
         "band_chosen": ("channel", np.array([band.chosen for band in bands], dtype=np.int8)),
         "band_why": ("channel", [band.why for band in bands]),
-        "band_doubts_json": ("channel", [json.dumps(band.doubts) for band in bands]),
     }
 
 
@@ -635,7 +633,6 @@ def envelope_bands(analysis: Analysis) -> list[dict[str, Any]]:
             "high_hz": float(one["band_high_hz"]),
             "chosen": bool(one["band_chosen"]),
             "why": str(one["band_why"].item()),
-            "doubts": json.loads(one["band_doubts_json"].item()),
         }
         for one in (dataset.isel(channel=number) for number in range(dataset.sizes["channel"]))
     ]

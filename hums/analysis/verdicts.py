@@ -23,11 +23,13 @@ from hums.analysis.channel import AnalysedChannel
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.expected_lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.findings import (
+    DIAGNOSED,
     INDICATED,
     NOTHING_FOUND,
     RANK,
     Finding,
     bearing_verdicts,
+    doubted,
     judging_nothing,
 )
 from hums.analysis.gear_damage import GearJudgement, gear_verdicts, healthy_probability
@@ -36,8 +38,10 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, Unmeasured, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
+    FAULTY_DEPTH,
     FEWEST_CYCLES,
     GEARS_SHARE,
+    RIVAL_FACTOR,
     SAME_SPEED,
     SHAFT_CERTAINTY,
     SHAFT_GROWTH,
@@ -51,6 +55,7 @@ from signals.spectra.integration import line_velocity
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
 # attributes of the root: what contradicts the declared angle, and why it is not sure; empty where nothing does
 CONTRADICTION, DOUBT = "declaration_contradiction", "declaration_doubt"
+EXPLAINED = "declaration_explained"  # 1 if lines show what else the declared angle would be
 UNSURE = "declaration_unsure_json"  # components whose rotation no line confirms, and why
 MISDRAWN = "declaration_misdrawn_json"  # components whose rotation lines contradict, and how
 _LIBRARY = "library_json"
@@ -198,6 +203,9 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         why = "speed: the tachometer is faulty, so that no order is reliable"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
     whys, doubt = json.loads(attrs.get(UNSURE, "{}")), str(attrs[DOUBT])
+    if doubt:  # a deep line shows its bearing where nothing else confirms the speed, but not against other lines
+        clear = math.inf if attrs[EXPLAINED] else RIVAL_FACTOR * FAULTY_DEPTH
+        judged = [doubted(one, doubt) if one.verdict == DIAGNOSED and one.depth < clear else one for one in judged]
     misdrawn = json.loads(attrs.get(MISDRAWN, "{}"))
     whys |= misdrawn | (dict.fromkeys((one.component for one in judged), doubt) if doubt else {})
     change = "judged with a speed and drawing whose lines the record shows"

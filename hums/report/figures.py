@@ -203,7 +203,7 @@ def _band_caption(band: Mapping[str, Any]) -> str:
     edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
     if not band["chosen"]:
         return f"Band {edges}, as specified. "
-    return " ".join([f"Band chosen from the record: {band['why']}", *band["doubts"]]) + " "
+    return f"Band chosen from the record: {band['why']} "
 
 
 def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> str:

@@ -121,7 +121,7 @@ def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], cou
 
     With K spectra of noise power N and a line of amplitude A, the mean power is ``A^2 + N`` with a scatter of
     ``N / sqrt(K)``; the result is ``sqrt(A^2 + N / sqrt(K))``. N is the median over adjacent bins, corrected for the
-    gamma distribution of a mean of K. A single spectrum is returned as it is.
+    gamma distribution of a mean of K. That of one spectrum is its own.
 
     Parameters
     ----------
@@ -159,7 +159,8 @@ def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], cou
     if power.shape != first.axis.shape:
         raise ValueError(f"power has {power.size} lines but the spectrum has {first.axis.size}; give one for each.")
     if count == 1:
-        return first
+        amplitude = np.sqrt(power)
+        return replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
     # median over 12 bins on either side: three main lobes, so that a single line does not fill them
     reach = max(1, round(12 * first.bin_width / float(first.axis[1] - first.axis[0])))
     median_of_mean = float(special.gammaincinv(count, 0.5)) / count  # of a mean of exponentials

@@ -53,7 +53,7 @@ def test_the_right_declaration_is_confirmed(change):
     assert not [note for note in hums.summary(analysis)["notes"] if "contradict" in note or "confirm" in note]
 
 
-@pytest.mark.parametrize(("true", "declared"), [(1, 2), (4, 1)])
+@pytest.mark.parametrize(("true", "declared"), [(1, 2), (4, 1), (3, 2), (3, 4)])
 def test_a_wrong_number_of_pulses_is_named_with_the_right_one(true, declared):
     analysis = analysed(vibration(), pulses(per_rev=true, declared=declared))
     assert sound_parts(analysis) == 0
@@ -122,4 +122,4 @@ def test_a_wrong_number_of_teeth_leaves_the_parts_behind_it_unjudged():
     assert 'No line of mesh "stage 2"' in hums.summary(analysis)["notes"][0]
     verdicts = hums.verdict_table(analysis)
     sound = set(verdicts["component"][verdicts["verdict"] == "nothing found"])
-    assert sound == {"stage 1/pinion", "input bearing"}
+    assert sound == {"stage 1/pinion"}  # the line of the damaged race might be that of "input bearing" with other data

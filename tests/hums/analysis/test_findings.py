@@ -171,10 +171,10 @@ def band(lines, peaks=(), *, noise=0.02, place=1e3, width=1e3, bin_width=BIN):
     )
 
 
-def judged(lines, peaks=(), *, setting=SETTING, noise=0.02, bin_width=BIN, **given):
+def judged(lines, peaks=(), *, setting=SETTING, noise=0.02, bin_width=BIN, bearings=BEARINGS, **given):
     """Return the verdict on each part whose line was measured, by component and kind."""
     bands = [band(assessed(lines), peaks, noise=noise, bin_width=bin_width)]
-    evidence = bearing_evidence(bands, BEARINGS, setting)
+    evidence, _ = bearing_evidence(bands, bearings, setting)
     given = {"false_alarm_probability": 0.01, "library": LIBRARY} | given
     return {(one.component, one.kind): one for one in bearing_verdicts(evidence, **given)}
 
@@ -195,6 +195,13 @@ JUDGED = {
     "alone": (outer(second=0), {}, OUTER, "indicated", "no harmonic or sideband supports it"),
     "shallow": (inner(9, 5, level=100.0), {}, INNER, "indicated", "it modulates the band by only 9.0%"),
     "no sideband": (inner(second=7), {}, INNER, "indicated", "no sidebands from passing the load zone"),
+    "no sideband of a race at rest": (inner(second=7),
+        {"bearings": {"b": replace(BEARING, inner_ring=0.0, outer_ring=1.0)}}, INNER, "diagnosed", ""),
+    "no sideband of an outer race that turns": (outer(second=7),
+        {"bearings": {"b": replace(BEARING, inner_ring=0.0, outer_ring=1.0)}}, OUTER, "indicated",
+        "no sidebands from passing the load zone"),
+    "harmonic that slip moves": (outer(at=3.53, second=0), {"peaks": [(0.44, 0.9), (0.88, 0.7)]}, OUTER, "not judged",
+        "8 times the line at 0.440"),
     "both races": ([*inner(10, 7), *outer(9, 0)], {}, OUTER, "indicated", "of similar size"),
     "both races, shallow": (BOTH, {}, INNER, "not judged", "the outer race is of similar size (11.0%)"),
     "harmonic of a deeper line": (inner(second=7), {"peaks": [(2.7, 0.9)]}, INNER, "not judged",
@@ -255,7 +262,7 @@ def test_equal_bearings_are_named_together():
 
 @pytest.mark.parametrize("seen", [0.5, 1.0, 2.0, 4.0])
 def test_a_deeper_line_would_have_been_larger_in_nine_of_ten_records(seen):
-    (part,) = bearing_evidence([band(assessed(inner(seen)))], BEARINGS, SETTING)
+    (part,), _ = bearing_evidence([band(assessed(inner(seen)))], BEARINGS, SETTING)
     rng = np.random.default_rng(3)
     noise = 0.5 * (rng.standard_normal(100_000) + 1j * rng.standard_normal(100_000))
     as_small = np.mean(np.abs(20 * part.possible_depth + noise) <= seen)
@@ -272,6 +279,6 @@ def test_a_rival_is_one_where_the_part_shows(beside, verdict):
     """
     first = band(assessed([*inner(12, 7, 7), line("rolling_element", 4.75, beside)]))
     second = band(assessed([line("rolling_element", 4.75, 6.0), *inner(1)]), place=2e3)
-    evidence = bearing_evidence([first, second], BEARINGS, SETTING)
+    evidence, _ = bearing_evidence([first, second], BEARINGS, SETTING)
     found = {one.kind: one for one in bearing_verdicts(evidence, false_alarm_probability=0.01, library=LIBRARY)}
     assert found["inner_race"].verdict == verdict

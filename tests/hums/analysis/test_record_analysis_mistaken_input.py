@@ -204,7 +204,7 @@ class TestImplausibleTachometer:
             analyze(self.record(40.0), load_gearbox("two-stage"), settings=settings)
 
 
-def struck(impacts_hz, *, rate_hz=25_000.0, seconds=20.0, scatter=0.0, seed=3):
+def struck(impacts_hz, *, rate_hz=25_000.0, seconds=20.0, scatter=0.0, seed=3, gearbox=None):
     """The meshes of "two-stage" and its input shaft in noise, and impacts at a rate that scatters."""
     rng, ring_s = np.random.default_rng(seed), np.arange(200) / 25_000
     turned = 2 * np.pi * SPEED_HZ * np.arange(round(seconds * rate_hz)) / rate_hz
@@ -217,7 +217,7 @@ def struck(impacts_hz, *, rate_hz=25_000.0, seconds=20.0, scatter=0.0, seed=3):
         values += 10 * np.convolve(places[: values.size], ring)[: values.size]
     pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1)
     record = make_record({"a": values}, units="g", rate_hz=rate_hz, angle=pulses)
-    return analyze(record, load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0))
+    return analyze(record, gearbox or load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0))
 
 
 @pytest.mark.parametrize("teeth", [61, 62])
@@ -236,7 +236,22 @@ def test_a_bearing_declared_on_another_shaft_is_not_called_sound(damaged):
     assert (said["verdict"] == "nothing found").all() != damaged
     if damaged:
         assert set(said["verdict"]) == {"not judged"}
-        assert "would be outer race on the shaft of order 0.3433" in said.loc["inner_race", "doubts"]
+        assert "would be that of outer race on the shaft of order 0.3433" in said.loc["inner_race", "doubts"]
+
+
+@pytest.mark.parametrize("elements", [-3, -1, 0, 1, 6])
+def test_a_bearing_with_another_number_of_elements_is_not_called_sound(elements):
+    """Its outer race is damaged: found with the right number, else a line of no component, which a note names."""
+    gearbox = load_gearbox("two-stage")
+    (bearing,) = (one for one in gearbox.bearings if "input bearing" in one.names)
+    changed = bearing.model_copy(update={"elements": bearing.elements + elements})
+    others = tuple(one for one in gearbox.bearings if one is not bearing)
+    analysis = struck(
+        3.555 * SPEED_HZ, scatter=0.005, gearbox=gearbox.model_copy(update={"bearings": (*others, changed)})
+    )
+    said = verdict_table(analysis).query("component == 'input bearing'").set_index("kind")["verdict"]
+    assert said["outer_race"] == ("not judged" if elements else "diagnosed")
+    assert any("belongs to no component" in note for note in summary(analysis)["notes"]) == bool(elements)
 
 
 @pytest.mark.parametrize(("cut_hz", "judged"), [(3000.0, True), (500.0, False)])
