@@ -84,7 +84,7 @@ def jumps(
     if level.min() > 0:
         at, jump = _largest_jump(np.log(level))
         if jump > np.log(2.0):  # smallest ratio of RMS
-            before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
+            before, after = float(np.median(level[at - _SIDE : at])), float(np.median(level[at : at + _SIDE]))
             factor = float(np.exp(jump))
             earlier_hz, later_hz = _speeds_beside(parts, at, speed_hz, sudden=faulty_jump)
             # 0.03 of the speed: as much as half the width of a resonance with 3 % of damping
@@ -114,27 +114,19 @@ def jumps(
     return found, None
 
 
-def _speeds_beside(parts: Samples, at: int, speed_hz: Array | None, *, sudden: float) -> tuple[float, float]:
+def _speeds_beside(parts: Samples, at: int, speed_hz: Array | None, *, sudden: float) -> Array:
     """Return the speed before and after a jump; zero where the speed is unknown.
 
-    It is the median over the parts on either side, but half a part from the jump where the level changes within a
-    quarter of a part by a `sudden` factor: a resonance would take longer.
+    It is that in the middle of the steady parts on either side, but half a part from the jump where the level changes
+    within a quarter of a part by a `sudden` factor: a resonance would take longer.
     """
     if speed_hz is None:
-        return 0.0, 0.0
+        return np.zeros(2)
     cells = np.array([cell.std(dtype=np.float64) for cell in np.array_split(parts[at - 1 : at + 2].ravel(), 24)])
-    ratio = np.maximum(cells[2:], 1e-30) / np.maximum(cells[:-2], 1e-30)
-    step = int(np.abs(np.log(ratio)).argmax())
-    places = (np.arange(_PARTS) + 0.5) / _PARTS
-    if abs(np.log(ratio[step])) > np.log(sudden):
-        places = (at - 1 + (step + 1.5) / 8 + np.array([-0.5, 0.5])) / _PARTS
-    each = np.interp(places, np.linspace(0, 1, speed_hz.size), speed_hz)
-    before, after = _sides(each, at) if each.size > 2 else (each[:1], each[1:])  # noqa: PLR2004
-    return float(np.median(before)), float(np.median(after))
-
-
-def _sides(values: Array, at: int) -> tuple[Array, Array]:
-    return values[max(at - _SIDE, 0) : at], values[at : at + _SIDE]
+    steps = np.abs(np.log(np.maximum(cells[2:], 1e-30) / np.maximum(cells[:-2], 1e-30)))
+    reach = 0.5 if steps.max() > np.log(sudden) else _SIDE / 2
+    places = at - 1 + (steps.argmax() + 1.5) / 8 + np.array([-reach, reach])
+    return np.interp(places / _PARTS, np.linspace(0, 1, speed_hz.size), speed_hz)
 
 
 def _largest_jump(values: Array) -> tuple[int, float]:

@@ -158,13 +158,12 @@ def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], cou
     """
     if power.shape != first.axis.shape:
         raise ValueError(f"power has {power.size} lines but the spectrum has {first.axis.size}; give one for each.")
-    if count == 1:
-        amplitude = np.sqrt(power)
-        return replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
-    # median over 12 bins on either side: three main lobes, so that a single line does not fill them
-    reach = max(1, round(12 * first.bin_width / float(first.axis[1] - first.axis[0])))
-    median_of_mean = float(special.gammaincinv(count, 0.5)) / count  # of a mean of exponentials
-    noise = ndimage.median_filter(power / count, 2 * reach + 1, mode="nearest") / median_of_mean
-    # at least 1e-3 of the noise, so that levels in dB exist
-    amplitude = np.sqrt(np.maximum(power / count - (1 - noise_left(count)) * noise, 1e-3 * noise))
+    amplitude = np.sqrt(power)
+    if count > 1:
+        # median over 12 bins on either side: three main lobes, so that a single line does not fill them
+        reach = max(1, round(12 * first.bin_width / float(first.axis[1] - first.axis[0])))
+        median_of_mean = float(special.gammaincinv(count, 0.5)) / count  # of a mean of exponentials
+        noise = ndimage.median_filter(power / count, 2 * reach + 1, mode="nearest") / median_of_mean
+        # at least 1e-3 of the noise, so that levels in dB exist
+        amplitude = np.sqrt(np.maximum(power / count - (1 - noise_left(count)) * noise, 1e-3 * noise))
     return replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
