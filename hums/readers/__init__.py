@@ -329,7 +329,5 @@ def _units(source: Import, name: str) -> str:
 
 def _unpadded(times_s: NDArray[np.generic]) -> NDArray[np.generic]:
     """Return times without the trailing NaN that pad a shorter column of a table."""
-    if times_s.dtype.kind != "f":
-        return times_s
     filled = np.flatnonzero(~np.isnan(times_s))
     return times_s[: filled[-1] + 1] if filled.size else times_s

@@ -16,9 +16,9 @@ import os
 import signal
 import sys
 import warnings
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -42,7 +42,7 @@ _PATIENCE = 6  # waiting time over processor time: network storage may be slow
 _FORKS = sys.platform == "linux"  # elsewhere a fork is unsafe, and a new interpreter takes about a second
 
 
-class ReaderProcess:
+class ReaderProcess(AbstractContextManager["ReaderProcess"]):
     """A process that reads files, alive within a ``with`` block.
 
     On Linux it is forked when the first file is read, elsewhere spawned; it is restarted after a file that kills it.
@@ -74,10 +74,6 @@ class ReaderProcess:
         self._memory_bytes = memory_bytes if memory_bytes is not None else _share_of_memory()
         self._running: tuple[BaseProcess, Connection] | None = None
         self._generation = 0
-
-    def __enter__(self) -> Self:
-        """Return the reader; its process starts with the first file."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """End the process."""
