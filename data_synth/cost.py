@@ -168,7 +168,7 @@ def explain(
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
     amplitudes, events = digits * lines * instants_of_truth, round(BYTES * longer * instants)
     rows = channels + _further_rows(declared, phases=phases, mechanics=mechanics)
-    rows += channels * _sources(stage) if by_source else 0
+    rows += channels * (len(stage.sources) + (declared.fidelity != "kinematic")) if by_source else 0
     record_bytes = rows * samples * BYTES
     parts = (*gears, *_parts(stage, declared, longer))
     return Explanation(
@@ -376,12 +376,6 @@ def refuse_too_large(
                 f"samples and needs {need / 1e9:.3g} GB {where}, but {free / 1e9:.3g} GB are free; shorten it to about "
                 f"{0.9 * declared.duration_s * free / need:.2g} s, lower rate_hz, or make several records."
             )
-
-
-def _sources(stage: PreparedScene) -> int:
-    sources = {(family.component, family.kind) for family in stage.families}
-    sources |= {(train.component, train.kind) for _, train in stage.trains}
-    return len(sources) + (stage.scene.fidelity != "kinematic")
 
 
 def free_memory_bytes() -> int | None:

@@ -357,14 +357,10 @@ def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
 
 def _by_source(prepared: PreparedScene, gear_signal: Array | None) -> dict[str, xr.DataArray]:
     """Return the signal of each source alone at every sensor; meshes interact, so all vibrating gears are one."""
-    sources = dict.fromkeys(
-        [(family.component, family.kind) for family in prepared.families]
-        + [(train.component, train.kind) for _, train in prepared.trains]
-    )
-    names = [f"{component}, {kind}" for component, kind in sources]
+    names = [f"{component}, {kind}" for component, kind in prepared.sources]
     names += [] if gear_signal is None else ["gears, motion"]
     signals = np.empty((len(prepared.scene.sensors), len(names), prepared.scene.samples))
-    for index, source in enumerate(sources):
+    for index, source in enumerate(prepared.sources):
         signals[:, index] = _clean(prepared, only=source)
     if gear_signal is not None:
         signals[:, -1] = gear_signal

@@ -121,6 +121,12 @@ class PreparedScene:
         for family, amplitudes in family_amplitudes:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
 
+    @property
+    def sources(self) -> list[tuple[str, str]]:
+        """Component and kind of each source of lines or impacts."""
+        lines = [(family.component, family.kind) for family in self.families]
+        return list(dict.fromkeys(lines + [(train.component, train.kind) for _, train in self.trains]))
+
     def without_faults(self) -> "PreparedScene":
         """Return the scene without its faults, for the motion of healthy gears."""
         return replace(self, scene=self.scene.changed(faults=()), offsets=())
