@@ -7,6 +7,6 @@ from signals.harmonics.reference import harmonic_model as harmonic_model
 from signals.harmonics.stream import OrderTracker as OrderTracker
 from signals.harmonics.tracker import track_orders as track_orders
 from signals.harmonics.tracking_results import OrderTracks as OrderTracks
-from signals.harmonics.waveform import order_waveform as order_waveform
+from signals.harmonics.tracking_results import order_waveform as order_waveform
 from signals.slipping_order.slip_tracking import SlippingTrack as SlippingTrack
 from signals.slipping_order.slip_tracking import track_slipping_order as track_slipping_order

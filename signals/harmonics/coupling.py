@@ -19,7 +19,7 @@ from signals.harmonics._block_kernels import phasors
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
 from signals.harmonics.node_chain import Information, NodeChain, smooth_chain
-from signals.harmonics.separability import Closeness, components, coupled, leaks, left_over
+from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 from signals.harmonics.state_space import PRIOR_STD, Complexes, Flags, Floats, Indices
 
 # ---- Smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
@@ -148,9 +148,9 @@ LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
 MOST_PARTS = 32
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
-# With one pole, more orders than these that pass less than `WEAK` of one another are not smoothed together: their joint
-# covariance would take up half of what passes.
-MOST_WEAK, WEAK = 8, 1e-2
+# With one pole, more orders than these that pass less than `WEAK` of one another are not smoothed together, save near
+# the ends of a record so many times as long: their joint covariance would take up half of `WEAK`.
+MOST_WEAK, WEAK, SHORTEST_WEAK = 8, 1e-2, 10
 # Parts of the record in which frequencies are taken as constant there, at most, and nodes in one.
 MOST_STEADY, FEWEST_NODES = 128, 8
 
@@ -175,11 +175,10 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
     for joint in near_ends:
         together[joint.group, joint.kept] = True
     lone, counts = np.flatnonzero(~together.all(axis=1)), grid.at_nodes(grid.seen_counts)
-    repeated = [*joints, *(near_ends if more > grid.tolerance else [])] if weak else []
     for number in range(MOST_ROUNDS):
         before, others = smoothed.levels.copy(), WithoutOthers(grid, smoothed.levels, grid.cut, one_pole=weak)
         smooth_alone(grid, lone, others.alone(lone), counts, smoothed, together=together)
-        for joint in repeated if number else [*near_ends, *(joints if weak else [])]:
+        for joint in near_ends if number == 0 or (weak and more > grid.tolerance) else []:
             smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
         moved = np.abs(smoothed.levels - before)
         moved = moved if weak else np.where(together, 0.0, moved)[..., grid.cut]
@@ -200,7 +199,8 @@ def leaked(grid: Grid, levels: Complexes, nodes: slice) -> Floats:
     turns = model.turns(at)
     turn = phasors(2 * pi * turns)
     waves, found = levels * turn.conj(), np.empty_like(levels)
-    for part in np.array_split(np.arange(at.size), min(-(-at.size // FEWEST_NODES), MOST_STEADY)):
+    edges = np.arange(0, at.size, max(FEWEST_NODES, at.size // MOST_STEADY))
+    for part in np.split(np.arange(at.size), np.union1d(edges, np.flatnonzero(grid.jumps[nodes]))[1:]):
         step = (turns[:, part[-1]] - turns[:, part[0]]) / max(at[part[-1]] - at[part[0]], 1)
         apart = np.stack([step - step[:, None], step + step[:, None]])
         others, images = np.sinc(grid.length * (apart - np.rint(apart))) ** 2
@@ -214,7 +214,7 @@ def leaked(grid: Grid, levels: Complexes, nodes: slice) -> Floats:
 def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float, bool]:
     """Return the orders that leak into one another inside the record, and the largest leakage between all others.
 
-    Returned is also whether weak links are left out. `size` are their (order,) amplitudes.
+    Returned is also whether orders that leak a little are left out. `size` are their (order,) amplitudes.
     """
     gain, least = Bandwidth.smoother_gain, 1 / grid.samples
     received = closeness.received(gain, size, least=least)
@@ -226,14 +226,16 @@ def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint]
         here = leaks(closeness.within(grid.samples_of(nodes)).received(gain, size, least=least), size)
         linked[:, part] = [np.any(here[np.ix_(group, group)] > grid.tolerance) for group in groups]
     joints, weak = list[Joint](), False
-    strong = closeness.received(gain, np.ones_like(size), least=least) > WEAK
+    gains = closeness.received(gain, np.ones_like(size), least=least)
+    long = grid.nodes > SHORTEST_WEAK * grid.reach(MEMORIES) and np.mean(grid.cut) < 1 / SHORTEST_WEAK
+    one_pole = long and grid.model.poles == 1 == grid.model.bandwidth.shape[1]
     for group, parts in zip(groups, linked, strict=True):
-        many = grid.model.poles == 1 and group.size > MOST_WEAK
-        close = [group[part] for part in components(strong[np.ix_(group, group)])] if many else [group]
-        weak |= len(close) != 1 or close[0].size < group.size
+        if one_pole and group.size > MOST_WEAK and gains[np.ix_(group, group)].max() < WEAK:
+            weak = True
+            continue
         for first, last in np.flatnonzero(np.diff(parts, prepend=False, append=False)).reshape(-1, 2).tolist():
             kept = slice(int(starts[first]), int(stops[last - 1]))
-            joints += [Joint(part, kept, grid.around(kept, MEMORIES)) for part in close]
+            joints.append(Joint(group, kept, grid.around(kept, MEMORIES)))
     return joints, left_over(received, size, groups), weak
 
 
