@@ -284,6 +284,7 @@ def split_steps(
     x, pending, inputs = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
     # values of a mesh are adjacent: loops over a few meshes do not benefit from vectors
     force, means = np.zeros((meshes, 5)), equations.mean_stiffnesses
+    half_gaps, back_half_gaps, offsets = equations.backlashes, equations.back_half_gaps, equations.offsets
     for m in range(meshes):
         for i in range(size):
             force[m, DEFLECTION] += deflection_rows[i, m] * x[i]
@@ -335,7 +336,7 @@ def split_steps(
             for m in range(meshes):
                 deflection = force[m, DEFLECTION]
                 force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
-                    deflection - errors[here, m, node], equations.backlashes[m], equations.back_half_gaps[m]
+                    deflection - errors[here, m, node], half_gaps[m], back_half_gaps[m]
                 )
                 followed = inputs[3 * m + node]
                 strength = at_node(node, stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2])
@@ -345,7 +346,7 @@ def split_steps(
                     followed = equations.following[m] * at_node(node, jump[3], jump[4], jump[5])
                     exact = at_node(node, jump[0], jump[1], jump[2])
                     elastic += force[m, CONTACT] * (strength * errors[here, m, node] - exact)
-                force[m, IN_FLOW] = means[m] * (deflection - followed - equations.offsets[m])
+                force[m, IN_FLOW] = means[m] * (deflection - followed - offsets[m])
                 acting[m] -= weight * (elastic - force[m, IN_FLOW])
                 force[m, CORRECTION] = 0.0
             if node == 1:  # commutator of two mesh forces

@@ -210,8 +210,7 @@ def assemble(problem: Problem) -> Assembled:
     backlashes = np.array([float(mesh.backlash_m) for mesh in meshes])
     offsets = _offsets(problem, backlashes)
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
-    segments = errors.segments[first_error]
-    jumping = [np.any(errors.jumps[first:last]) for first, last in pairwise(segments)]
+    jumping = [np.any(errors.jumps[first:last]) for first, last in pairwise(errors.segments[first_error])]
     return Assembled(
         problem=problem,
         frequencies=angular,

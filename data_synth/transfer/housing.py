@@ -8,6 +8,7 @@ near its first elastic mode, a housing is rigid, and balanced internal forces do
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -33,6 +34,7 @@ ComplexArray = NDArray[np.complex128]
 AHEAD = 2  # input samples that a response needs in advance
 
 
+@cache
 def sinc_correction(terms: int) -> Array:
     """Return the first terms of ``1 / sinc^2(x / 2) = (asin(s) / s)^2``, ``s = sin(x / 2)``, as a symmetric filter.
 
