@@ -14,7 +14,7 @@ import numpy as np
 
 from signals.harmonics import _block_kernels
 from signals.harmonics._block_kernels import PIECE
-from signals.harmonics.bandwidth import HALF_POWER
+from signals.harmonics.bandwidth import HALF_POWER, MOST_POLES
 from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
 
 SAMPLES_AT_ONCE = 1 << 16  # numbers at a time, which stay in a near cache
@@ -76,10 +76,12 @@ class Grid:
     def counts(self, weight: Floats, moments: int) -> Floats:
         """(block, moment) sums of the weights of samples from the start of a block on, times powers of u."""
         filled = np.pad(weight, (0, -weight.size % self.length)).reshape(-1, self.length)
-        return np.asarray(filled @ self._powers(moments))
+        return np.asarray(filled @ self._powers[:, :moments])
 
-    def _powers(self, moments: int) -> Floats:
-        return (np.arange(self.length) / self.length)[:, None] ** np.arange(moments)
+    @cached_property
+    def _powers(self) -> Floats:
+        """(sample, moment) powers of u in a block, as many as moments of products need with most poles."""
+        return (np.arange(self.length) / self.length)[:, None] ** np.arange(2 * MOST_POLES - 1)
 
     @cached_property
     def seen_counts(self) -> Floats:
@@ -130,10 +132,9 @@ class Grid:
 
     @cached_property
     def _table(self) -> Complexes:
-        """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
-        assert self.model.steady_step is not None  # noqa: S101  (the caller's choice)
-        angle = self.model.steady_step * np.arange(self.length)[:, None] * self.model.orders
-        powers = self._powers(max(self.model.poles, 2))
+        """(sample, moment, order) array of the first block at steady speed, powers of u times exp(-j angle)."""
+        angle = (self.model.steady_step or 0.0) * np.arange(self.length)[:, None] * self.model.orders
+        powers = self._powers[:, : max(self.model.poles, 2)]
         return np.asarray(powers[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
     def project(self, x: Floats, blocks: slice, orders: Indices) -> Floats:

@@ -227,10 +227,10 @@ def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint]
         linked[:, part] = [np.any(here[np.ix_(group, group)] > grid.tolerance) for group in groups]
     joints, weak = list[Joint](), False
     gains = closeness.received(gain, np.ones_like(size), least=least)
-    long = grid.nodes > SHORTEST_WEAK * grid.reach(MEMORIES) and np.mean(grid.cut) < 1 / SHORTEST_WEAK
-    one_pole = long and grid.model.poles == 1 == grid.model.bandwidth.shape[1]
+    long = grid.model.bandwidth.shape[1] == 1 and grid.nodes > SHORTEST_WEAK * grid.reach(MEMORIES)
     for group, parts in zip(groups, linked, strict=True):
-        if one_pole and group.size > MOST_WEAK and gains[np.ix_(group, group)].max() < WEAK:
+        weakly = grid.model.poles == 1 and group.size > MOST_WEAK and gains[np.ix_(group, group)].max() < WEAK
+        if weakly and long and np.mean(grid.cut) < 1 / SHORTEST_WEAK:
             weak = True
             continue
         for first, last in np.flatnonzero(np.diff(parts, prepend=False, append=False)).reshape(-1, 2).tolist():
