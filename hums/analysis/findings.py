@@ -58,11 +58,12 @@ class Finding:
     """Verdict on one kind of defect of one component, with the evidence in words and its strongest line.
 
     `depth` is the modulation of the band by that line, NaN if a verdict has none. `doubts` are the reasons for which it
-    is not diagnosed, or not judged.
+    is not diagnosed, or not judged. `alike` names other components, joined by "or", which the record cannot tell apart.
     """
 
     component: str
     kind: str
+    alike: str = ""
     channel: str = ""
     verdict: str = NOT_JUDGED
     evidence: str = ""
@@ -192,7 +193,8 @@ def _with_equal_bearings(results: Sequence[Finding], orders: Mapping[tuple[str, 
 def _also(one: Finding, equal: Sequence[str]) -> Finding:
     """Return a finding that may also be on bearings with the same orders."""
     doubt = f"it may be {' or '.join(equal)}, which {'has' if len(equal) == 1 else 'have'} the same orders"
-    return replace(doubted(one, doubt), next_step=f"Inspect {one.component} and {' and '.join(equal)}.")
+    step = f"Inspect {one.component} and {' and '.join(equal)}."
+    return replace(doubted(one, doubt), alike=" or ".join(equal), next_step=step)
 
 
 def doubted(one: Finding, doubt: str) -> Finding:

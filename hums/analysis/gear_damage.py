@@ -494,6 +494,7 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
     )
     return replace(
         _blank(row),
+        alike=" or ".join(row.rivals),
         verdict=INDICATED,
         evidence=evidence,
         doubts=doubt,

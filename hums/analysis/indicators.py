@@ -82,7 +82,9 @@ class Baseline:
         return json.dumps(rows)
 
 
-def read_baseline(previous: Analysis | None, settings: AnalysisSettings, *, units: Mapping[str, str]) -> Baseline:
+def read_baseline(
+    previous: Analysis | None, settings: AnalysisSettings, *, units: Mapping[str, str], of: Mapping[str, str]
+) -> Baseline:
     """Return the histories in the analysis of the previous record, or empty ones.
 
     Parameters
@@ -93,11 +95,14 @@ def read_baseline(previous: Analysis | None, settings: AnalysisSettings, *, unit
         Settings of the analysis, of which the limit and the freezing of the baseline are used.
     units : mapping of str to str
         Units of the channels of the record to analyse, in which the histories must be.
+    of : mapping of str to str
+        Name of its ``gearbox`` and ``machine``, which the histories must be of, empty where unknown.
 
     Raises
     ------
     AnalysisError
-        If `previous` is not an analysis or has other units, or there is no baseline to freeze.
+        If `previous` is not an analysis, of another gearbox or machine or in other units, or there is no baseline to
+        freeze.
     """
     limit = settings.baseline_limit_std
     if previous is None:
@@ -108,6 +113,9 @@ def read_baseline(previous: Analysis | None, settings: AnalysisSettings, *, unit
             )
         return Baseline(histories={}, limit_std=limit, freeze=False)
     check_analysis(previous)
+    for name, now in of.items():
+        if (was := str(previous.attrs[name])) and now and was != now:
+            raise AnalysisError(f'baseline: it is of {name} "{was}", the record of "{now}"; give one of this machine.')
     channels = json.loads(previous.attrs["channels_json"])
     for channel in channels:
         now = units.get(channel["name"], channel["units"])

@@ -214,7 +214,8 @@ def _analysed(
     """Return the analysis of every channel that has segments, and the updated histories."""
     usable = {name: one for name, one in there.channels.items() if one.segments}
     units = {name: one.segments[0].units for name, one in usable.items()}
-    histories = read_baseline(baseline, settings, units=units)
+    of = {"gearbox": there.machine.kinematics.gearbox.name, "machine": str(record.attrs.get("machine", ""))}
+    histories = read_baseline(baseline, settings, units=units, of=of)
     expected = expected_lines(there.machine.kinematics, _plan(there.machine, settings))
     channels: list[AnalysedChannel] = []
     for number, (name, channel) in enumerate(usable.items(), start=1):

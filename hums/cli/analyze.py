@@ -39,7 +39,7 @@ def analyze(
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
-    from hums.report.verdict_strip import with_hz  # noqa: PLC0415
+    from hums.report.verdict_strip import part_words, with_hz  # noqa: PLC0415
 
     with (
         ReaderProcess() as reader,
@@ -61,7 +61,7 @@ def analyze(
     for finding in facts["findings"]:
         kind = finding["kind"].replace("_", " ")
         evidence = with_hz(finding["evidence"], facts["speed_hz"]["mean"])
-        echo(f"{finding['verdict']}: {finding['component']}, {kind}: {evidence}")
+        echo(f"{finding['verdict']}: {part_words(finding)}, {kind}: {evidence}")
     if not facts["findings"]:
         echo(": ".join(where_none_is_named(facts["verdicts"])))
     elif unjudged := not_judged_words(facts["verdicts"]):

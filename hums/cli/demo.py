@@ -19,11 +19,12 @@ def demo(
     from data_synth import load_scene, simulate  # noqa: PLC0415
     from hums.analysis.record_analysis import AnalysisSettings  # noqa: PLC0415
     from hums.analysis.record_analysis import analyze as run  # noqa: PLC0415
-    from hums.analysis.result import findings_table  # noqa: PLC0415
+    from hums.analysis.result import summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.records.outputs import check_outputs  # noqa: PLC0415
     from hums.records.store import open_record, save_record  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
+    from hums.report.verdict_strip import part_words  # noqa: PLC0415
     from hums.scoring import score  # noqa: PLC0415
 
     scene = load_scene("demo")
@@ -43,6 +44,6 @@ def demo(
     echo("Faults of the scene and their verdicts:")
     echo(result.faults.to_string(index=False))
     echo("\nFindings:")
-    for finding in findings_table(analysis).itertuples():
-        echo(f"  {finding.verdict}: {finding.component}, {str(finding.kind).replace('_', ' ')}")
+    for finding in summary(analysis)["findings"]:
+        echo(f"  {finding['verdict']}: {part_words(finding)}, {finding['kind'].replace('_', ' ')}")
     echo(f"\nreport: {page.resolve()}")

@@ -68,7 +68,7 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
     """Return the report's answer in a few sentences, each with its class."""
     said = []
     for verdict, words in ((DIAGNOSED, "Damaged"), (INDICATED, "Possibly damaged")):
-        parts = [f"{row['component']} ({_kind(row)})" for row in facts["findings"] if row["verdict"] == verdict]
+        parts = [f"{part_words(row)} ({_kind(row)})" for row in facts["findings"] if row["verdict"] == verdict]
         if parts:
             said.append((CLASSES[verdict], f"{words}: {', '.join(parts)}."))
     every = facts.get("verdicts", ())
@@ -85,6 +85,11 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
         if item["status"] == "faulty"
     ]
     return said or [(CLASSES[NOTHING_FOUND], "Nothing found.")]
+
+
+def part_words(finding: Mapping[str, Any]) -> str:
+    """Return the component of a finding, with those that the record cannot tell from it."""
+    return " or ".join(filter(None, [finding["component"], finding.get("alike")]))
 
 
 def _checks(number: int) -> str:
@@ -160,16 +165,15 @@ def component_styles(facts: Facts) -> dict[str, str]:
         if finding.get("kind") == "shaft" and finding["verdict"] == NOT_JUDGED:
             continue
         style = CLASSES[finding["verdict"]]
-        known = gravest.setdefault(finding["component"], style)
-        if ranks.index(style) < ranks.index(known):
-            gravest[finding["component"]] = style
+        for component in part_words(finding).split(" or "):
+            gravest[component] = min(style, gravest.get(component, style), key=ranks.index)
     return gravest
 
 
 def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[str, str]:
     verdict = finding["verdict"]
     return {
-        "part": finding["component"],
+        "part": part_words(finding),
         "kind": _kind(finding),
         "verdict": verdict,
         "word": verdict,
@@ -211,7 +215,10 @@ def _severity(finding: Mapping[str, Any]) -> str:
         scale = f"slight below {FAULTY_DEPTH:.0%}, severe at {_SEVERE_DEPTH:.0%} and above"
         said = [f"{word}: impacts modulate the band by {depth:.1%} ({scale})"]
     elif finding["kind"] == "tooth":
-        said = ["no scale: the response to a damaged tooth depends on load and transfer path; use its trend"]
+        return (
+            "no scale: the response to a damaged tooth depends on load and transfer path; use its trend; "
+            f"{finding['snr']:.3g} standard deviations above the other teeth"
+        )
     else:
         said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]
     if finding.get("amplitude") is not None:

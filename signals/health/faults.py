@@ -126,7 +126,7 @@ def _speeds_beside(parts: Samples, at: int, speed_hz: Array | None, *, sudden: f
     steps = np.abs(np.log(np.maximum(cells[2:], 1e-30) / np.maximum(cells[:-2], 1e-30)))
     reach = 0.5 if steps.max() > np.log(sudden) else _SIDE / 2
     places = at - 1 + (steps.argmax() + 1.5) / 8 + np.array([-reach, reach])
-    return np.interp(places / _PARTS, np.linspace(0, 1, speed_hz.size), speed_hz)
+    return np.asarray(np.interp(places / _PARTS, np.linspace(0, 1, speed_hz.size), speed_hz))
 
 
 def _largest_jump(values: Array) -> tuple[int, float]:

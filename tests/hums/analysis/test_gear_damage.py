@@ -72,6 +72,8 @@ def test_the_cracked_gear_on_a_fixed_axis_is_the_only_one_named(component):
 def test_gears_on_one_shaft_are_not_told_apart():
     (found,) = named(judged(TWO_STAGE | crack("stage 2/intermediate", 1.0)))
     assert {found.component, *found.also} == {"stage 1/intermediate", "stage 2/intermediate"}
+    finding = gear_verdicts([found], false_alarm_probability=0.01)[0]
+    assert {finding.component, finding.alike} == {"stage 1/intermediate", "stage 2/intermediate"}
 
 
 @pytest.mark.parametrize(("own", "other"), [(0, 1), (1, 0)])
