@@ -473,11 +473,11 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
 
 def _indicated(row: GearJudgement, stated: float) -> Finding:
     (low, high), shown = row.band_orders, max(row.probability, RAREST_STATED)
-    alike = ""
-    if row.rivals:
-        alike = f" of {row.component} or of {' or '.join(row.rivals)}, which this record cannot tell apart,"
-    doubt = "a single pitch deviation of a sound gear has the same effect"
-    step = f"Compare with an earlier record at the same speed and load, or inspect the tooth{alike.partition(',')[0]}"
+    alike = " or ".join(row.rivals)
+    doubt = f"it may be a tooth of {alike}; " if alike else ""
+    doubt += "a single pitch deviation of a sound gear has the same effect"
+    tooth = f"tooth of {row.component} or {alike}" if alike else "tooth"
+    step = f"Compare with an earlier record at the same speed and load, or inspect the {tooth}"
     if row.from_pulse:
         number = int(row.position_rev % 1 * row.teeth) + 1
         step += f" (near tooth {number} of {row.teeth}, counted from the one in mesh at the tachometer's pulse)"
@@ -487,14 +487,14 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         )
         step += f" and the parts mounted on {row.knock_of}"
     evidence = (
-        f"between the mesh harmonics, from {low:.4g} to {high:.4g} orders, the energy at one tooth{alike} is "
+        f"between the mesh harmonics, from {low:.4g} to {high:.4g} orders, the energy at one tooth is "
         f"{row.rise:.1f} times that at the others throughout {row.turns} contacts per tooth, {row.outlier:.1f} of "
         f"their standard deviations above their mean; not certain: {doubt}; compare with an earlier record, or measure "
         "the tooth."
     )
     return replace(
         _blank(row),
-        alike=" or ".join(row.rivals),
+        alike=alike,
         verdict=INDICATED,
         evidence=evidence,
         doubts=doubt,

@@ -309,8 +309,7 @@ def judged(
     ]
     for one in every:
         ratio = _ratio(one.phase, times, speed)
-        there = np.isfinite(ratio)  # at times of both
-        if there.any() and np.quantile(np.abs(ratio[there] - 1), 0.8) > SAME_SPEED:
+        if np.isfinite(ratio).any() and np.nanquantile(np.abs(ratio - 1), 0.8) > SAME_SPEED:
             rivals.append(Rival(ratio=ratio, log_odds=_log_odds(best, one.evidence)))
     against_others = min((one.log_odds for one in rivals), default=np.inf)
     # 0.1 of the evidence: lines of one source appear and disappear together, so that more of them add less

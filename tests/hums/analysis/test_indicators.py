@@ -162,8 +162,8 @@ class TestBaseline:
     def test_a_baseline_in_other_units(self, gearbox, values, first):
         with pytest.raises(AnalysisError, match=r'channel "housing" was in g and is in m s-2 now'):
             analyze(record_of(values, units="m s-2"), gearbox, settings=BARE, baseline=first)
+        another = gearbox.model_copy(update={"name": "another"})
         with pytest.raises(AnalysisError, match=f'it is of gearbox "{gearbox.name}", the record of "another"'):
-            another = gearbox.model_copy(update={"name": "another"})
             analyze(record_of(values), another, settings=BARE, baseline=first)
 
 
