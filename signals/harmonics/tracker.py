@@ -15,7 +15,7 @@ from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness
 from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, lost
-from signals.harmonics.tracking_results import OrderTracks
+from signals.harmonics.tracking_results import OrderTracks, interpolated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -167,9 +167,9 @@ def track_orders(
         )
         for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
     ]  # fmt: skip
-    found = {name: parts[0][1][name] if alike else _joined([own[name] for _, own in parts]) for name in parts[0][1]}
+    spacing, found = (parts[0][0].std_spacing, parts[0][1]) if alike else _joined(parts, samples)
     return OrderTracks(
-        std_spacing=parts[0][0].std_spacing,
+        std_spacing=spacing,
         orders=model.orders, shafts=shafts, poles=model.poles, method=chosen,
         samples=samples, output_every=every,
         error_bound=max(estimate.error_bound for estimate, _ in parts),
@@ -177,11 +177,13 @@ def track_orders(
     )  # fmt: skip
 
 
-def _joined(channels: list[Any]) -> Any:  # noqa: ANN401
-    """Return fields of several channels as one; variances that are constant from some output on may be shorter."""
-    longest = max(values.shape[-1] for values in channels)
-    ends = [[(0, 0)] * (values.ndim - 1) + [(0, longest - values.shape[-1])] for values in channels]
-    return np.concatenate([np.pad(values, end, mode="edge") for values, end in zip(channels, ends, strict=True)])
+def _joined(parts: list[tuple[Estimate, dict[str, Any]]], samples: int) -> tuple[int, dict[str, Any]]:
+    """Return the fields of several channels as one, with their variances at the narrowest spacing of nodes."""
+    spacing = min(estimate.std_spacing for estimate, _ in parts)
+    for estimate, own in parts:
+        std, nodes = np.sqrt(own["settling_variance"]), np.arange(0, samples, spacing)
+        own["settling_variance"] = interpolated(std, estimate.std_spacing * np.arange(std.shape[-1]), nodes) ** 2
+    return spacing, {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
 
 
 def _tracked(

@@ -114,7 +114,7 @@ class OrderTracks:
         """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part."""
         std = np.sqrt(self.settling_variance)
         places = self.first_output + self.std_spacing * np.arange(std.shape[-1])
-        return _interpolated(std, places, self.sample_index) * np.sqrt(self._at_outputs(self.noise_density))
+        return interpolated(std, places, self.sample_index) * np.sqrt(self._at_outputs(self.noise_density))
 
     def half_width(self, probability: float) -> Floats:
         """Return the half-width of the confidence interval of the real or imaginary part of Z.
@@ -152,10 +152,10 @@ class OrderTracks:
     def _at_outputs(self, values: Floats) -> Floats:
         """Return ([channel,] order, output) values from those of intervals."""
         intervals = values.shape[-1]
-        return _interpolated(values, (np.arange(intervals) + 0.5) * self.samples / intervals, self.sample_index)
+        return interpolated(values, (np.arange(intervals) + 0.5) * self.samples / intervals, self.sample_index)
 
 
-def _interpolated(values: Floats, places: Floats | Indices, outputs: Indices) -> Floats:
+def interpolated(values: Floats, places: Floats | Indices, outputs: Indices) -> Floats:
     """Return rows of values at some samples, linearly interpolated to those of the outputs."""
     if outputs.size == 0:
         return values[..., :0]

@@ -103,3 +103,17 @@ def test_what_a_record_hardly_determines_is_finite_and_sure_of_little(name):
     tracks = track_orders(x, **settings, method="fast")
     assert np.all(np.isfinite(tracks.complex_amplitude))
     assert np.all(tracks.std > 0)
+
+
+def test_channels_that_miss_different_samples_have_the_std_of_each_alone():
+    """The blocks of a channel are the shorter, the more its amplitude moves over the noise."""
+    n = np.arange(20_000)
+    phase = 0.3 * n
+    moving = (1 + 0.5 * np.sin(2 * np.pi * 2e-4 * n)) * np.cos(phase)
+    x = np.stack([np.cos(phase), moving]) + 0.01 * np.random.default_rng(0).standard_normal((2, n.size))
+    x[0, 4000:5000] = x[1, 12_000:13_000] = np.nan
+    settings = {"phase_rad": phase, "orders": [1.0], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "method": "exact"}
+    both = track_orders(x, noise_variance=1e-4, output_every=20, **settings)
+    for channel, std in zip(x, both.std, strict=True):
+        alone = track_orders(channel, noise_variance=1e-4, output_every=20, **settings)
+        assert_allclose(std, alone.std, rtol=1e-3)
