@@ -181,9 +181,9 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
         for joint in near_ends if number == 0 or (weak and more > grid.tolerance) else []:
             smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
         moved = np.abs(smoothed.levels - before)
-        moved = moved if weak else np.where(together, 0.0, moved)[..., grid.cut]
+        moved = moved if weak else LEFT_OF_MOVED * np.where(together, 0.0, moved)[..., grid.cut]
         # The first round also subtracts what others' estimates have of an order itself, as much as they leave in it.
-        if number >= weak and np.all(LEFT_OF_MOVED * moved.max(axis=2, initial=0.0) <= grid.tolerance * size):
+        if number >= weak and np.all(moved.max(axis=2, initial=0.0) <= grid.tolerance * size):
             break
     return left if weak else max(left, more)
 
