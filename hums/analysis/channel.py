@@ -55,7 +55,6 @@ from signals.spectra.peaks import noise_left, pooled_spectrum, spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
-_WIDEST = 0.25  # of the rate: halves of the range are the widest bands
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
@@ -96,7 +95,6 @@ class AnalysedChannel:
     crest_factor: float
     condition: SensorCondition | None
     band: EnvelopeBand | None
-    no_band: str = ""
     bands: tuple[BandEvidence, ...] = field(default=(), repr=False)
     evidence: tuple[PartEvidence, ...] = ()
     undrawn: str = ""  # deepest line of its envelopes that belongs to no component
@@ -169,7 +167,7 @@ def analyse_channel(
     drawn = drawn_by(machine, settings)
     segments = tuple(replace(one, last_order=last, drawn=replace(drawn, tolerance=0.0)) for one in channel.segments)
     in_envelopes = [line for line in expected if line.spectrum == ENVELOPE]
-    bands, no_band = _bands_to_search(first.end_hz, machine, in_envelopes, settings)
+    bands = _bands_to_search(first.end_hz, machine, in_envelopes, settings)
     envelopes = _Envelopes.of(bands, in_envelopes, machine)
     block = _block_turns(segments, early_s=envelopes.end_s)
     single = len(segments) == 1
@@ -218,8 +216,6 @@ def analyse_channel(
     if best is not None:
         lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
         out_of_range = [*out_of_range, *best.out_of_range]
-    elif no_band:
-        out_of_range = [*out_of_range, *in_envelopes]
     state = _pooled_condition(name, channel, parts)
     faulty = state is not None and state.status == "faulty"
     alike = [part for part in parts if part.faulty == faulty]
@@ -246,7 +242,6 @@ def analyse_channel(
         crest_factor=max(part.crest_factor for part in parts),
         condition=state,
         band=None if best is None else best.band,
-        no_band=no_band,
         bands=seen,
         evidence=evidence,
         undrawn=undrawn,
@@ -688,19 +683,15 @@ def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
 
 def _bands_to_search(
     end_hz: float, machine: Machine, expected: Sequence[ExpectedLine], settings: AnalysisSettings
-) -> tuple[Sequence[tuple[float, float]], str]:
-    """Return the bands to demodulate up to a frequency, or none with the reason."""
+) -> Sequence[tuple[float, float]]:
+    """Return the bands to demodulate up to a frequency, as wide as the lines need, or halves of the range."""
     given = settings.envelope_band_hz
     if given is None or not expected:
-        return (), ""
+        return ()
     if isinstance(given, tuple):
-        return (given,), ""
-    # as wide as the lines need, but at most a quarter of the rate, which leaves a choice
+        return (given,)
     needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
-    try:
-        return bank_bands(rate_hz=2 * end_hz, least_width_hz=min(needed, _WIDEST * 2 * end_hz)), ""
-    except ValueError as error:
-        return (), str(error)
+    return bank_bands(rate_hz=2 * end_hz, least_width_hz=needed)
 
 
 def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:

@@ -448,7 +448,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         return _not_judged(part, f"unexplained: {part.undrawn}", least_change="nothing found without that line")
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
-    changes = [(blind, f"detectable up to {blind:.2g} times the background noise")]
+    changes = [(blind, f"judged up to {blind:.2g} times as much background noise")]
     if part.strength > 0:
         changes.append(
             (needed / part.strength, f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})")
@@ -457,7 +457,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     return replace(
         _blank(part),
         verdict=NOTHING_FOUND,
-        evidence=f"{seen}; a modulation of {part.possible_depth:.1%} between {low_hz:.4g} and {high_hz:.4g} Hz would "
+        evidence=f"{seen}; a modulation of {part.possible_depth:.1%} between {low_hz:.5g} and {high_hz:.5g} Hz would "
         "have been detected.",
         false_alarm_probability=probability,
         doubts=_hidden(part.hidden_by) if part.hidden_by else "",

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.analysis.findings import INDICATED, NOTHING_FOUND, Finding, judging_nothing
-from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines
+from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
 from hums.analysis.segments import Segment, resample_in_angle
@@ -499,7 +499,8 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         evidence=evidence,
         doubts=doubt,
         next_step=f"{step}.",
-        least_change=f"nothing found above a probability of {stated:.3g} (now {shown:.3g})",
+        least_change=f"nothing found if more than {healthy_share_words(stated)} healthy machines showed as much (now "
+        f"{healthy_share_words(shown)})",
     )
 
 
@@ -516,7 +517,8 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
         verdict=NOTHING_FOUND,
         evidence=f"no tooth stands out in {row.turns} contacts per tooth; one with {row.least_rise:.2g} times the "
         f"energy of the others in any one band would have; {alike}.",
-        least_change=f"indicated at a probability of {stated:.3g} or less (now {row.probability:.3g})",
+        least_change=f"indicated if at most {healthy_share_words(stated)} healthy machines showed as much (now "
+        f"{healthy_share_words(row.probability)})",
     )
 
 

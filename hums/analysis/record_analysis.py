@@ -410,7 +410,7 @@ def _notes(
         *([declaration.note] if declaration.note else []),
         *_speed_notes(machine, settings),
         *machine.tachometer_condition[1],
-        *_band_notes(machine, settings, channels),
+        *_band_notes(machine, settings),
         *_jitter_notes(machine, channels),
         *_said_of({channel.name: _channel_notes(channel, machine, settings) for channel in channels}),
         *dict.fromkeys(note for channel in channels for note in _pooled_notes(channel)),
@@ -469,18 +469,12 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
         )
 
 
-def _band_notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
+def _band_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     if settings.envelope_band_hz is None and machine.bearings:
         yield (
             "No envelope band was given, so bearing lines were not searched. Choose a band with a resonance that the "
             "bearing excites (envelope_band_hz, on the command line --envelope-band LOW HIGH)."
         )
-    for channel in channels:
-        if channel.no_band:
-            yield (
-                f'Channel "{channel.name}": no envelope band can be chosen, so bearing lines were not searched in it: '
-                f"{channel.no_band}"
-            )
 
 
 def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterator[str]:

@@ -176,7 +176,7 @@ class Machine:
             )
         if self.jitter_limit_order < 1:
             reasons.append(
-                f"Its pulses jitter by {self.jitter_s * 1e6:.3g} us, so much that even the first order of "
+                f"The tachometer's pulses jitter by {self.jitter_s * 1e6:.3g} us, so much that even the first order of "
                 f"{self.reference} is blurred. Check the sensor and its threshold."
             )
         faulty = repairs.total > _FAULTY_PULSES * phase.times_s.size or self.jitter_limit_order < 1

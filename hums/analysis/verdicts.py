@@ -275,10 +275,7 @@ def _why_unmeasured(
         )
     reach = max(channel.envelope_reach for channel in channels)
     if row.order * (1 + settings.slip) > reach:
-        carried = (
-            f"its line at {line_hz:.4g} Hz is above the {reach * machine.top_speed_hz:.4g} Hz that envelopes carry"
-        )
-        why = carried if reach else "the signal is too narrow for an envelope band"
+        why = f"its line at {line_hz:.4g} Hz is above the {reach * machine.top_speed_hz:.4g} Hz that envelopes carry"
         remedy = "a wider envelope band" if isinstance(settings.envelope_band_hz, tuple) else "a higher sampling rate"
         return f"out of band: {why}", f"judged with {remedy}"
     return (

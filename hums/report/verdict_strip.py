@@ -255,7 +255,7 @@ def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
 def _since(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> str:
     """Return a comparison of the finding with the earlier record, in words."""
     if past is None:
-        return "unknown from a single record; specify an earlier analysis as the baseline"
+        return "unknown from a single record; give an earlier analysis as the baseline (--baseline analysis.h5)"
     same = [
         other
         for other in past["findings"]

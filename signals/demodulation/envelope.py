@@ -381,7 +381,7 @@ def passband_end_hz(x: ArrayLike, *, rate_hz: float) -> float:
 
 
 def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, float], ...]:
-    """Return the bands of a bank: halves, quarters, eighths and sixteenths of the range that are wide enough.
+    """Return the bands of a bank: halves of the range, and quarters, eighths and sixteenths that are wide enough.
 
     Parameters
     ----------
@@ -395,11 +395,6 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
     tuple of (low, high)
         Edges in Hz, wider bands first.
 
-    Raises
-    ------
-    ValueError
-        Less than half the range would be wide enough.
-
     Examples
     --------
     >>> from signals.demodulation.envelope import bank_bands
@@ -408,12 +403,7 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
     """
     rate, least = positive(rate_hz, name="rate_hz"), positive(least_width_hz, name="least_width_hz")
     low, high = _LOWEST * rate / 2, _HIGHEST * rate / 2
-    # halves, quarters, eighths, sixteenths
-    counts = [2**level for level in range(1, 5) if (high - low) / 2**level >= least]
-    if not counts:
-        raise ValueError(
-            f"least_width_hz={least:g} is more than half the range up to {high:g} Hz; reduce it, or sample faster."
-        )
+    counts = [2, *(count for count in (4, 8, 16) if (high - low) / count >= least)]
     edges = (np.linspace(low, high, count + 1).tolist() for count in counts)
     return tuple(pair for each in edges for pair in pairwise(each))
 

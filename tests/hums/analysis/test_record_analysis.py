@@ -438,11 +438,23 @@ def test_a_band_is_chosen_where_the_bearing_rings():
     assert (first["kind"], first["verdict"]) == ("inner_race", "indicated")
 
 
-def test_the_channel_is_named_where_no_band_can_be_chosen():
-    record = tone_record(seconds=0.12)  # 600 samples
-    analysis = analyze(record, TWO_STAGE, settings=NO_TRACKS)
-    notes = [note for note in summary(analysis)["notes"] if "no envelope band can be chosen" in note]
-    assert len(notes) == 1 - len(envelope_bands(analysis))
+def test_a_bearing_too_fast_for_its_third_harmonic_is_diagnosed():
+    """At 450 rev/s the third harmonic of the race needs bands wider than halves of the range; the first does not."""
+    rng, rate_hz, speed_hz = np.random.default_rng(0), 25_000.0, 450.0
+    time = np.arange(round(4 * rate_hz)) / rate_hz
+    impulse = np.zeros(time.size)
+    strikes = np.cumsum(1 + 0.005 * rng.standard_normal(round(3.9 * 5.445 * speed_hz))) / (5.445 * speed_hz)
+    impulse[(strikes * rate_hz).astype(int)] = 1.0
+    ring_s = np.arange(100) / rate_hz
+    values = np.convolve(impulse, np.exp(-6000 * ring_s) * np.cos(2 * np.pi * 6000 * ring_s))[: time.size]
+    values += sum(np.cos(2 * np.pi * order * speed_hz * time + order) for order in (1, 23 * 19 / 67, 23))
+    record = make_record(
+        {"housing": Channel(values=values + rng.normal(0, 0.1, time.size), units="g")},
+        rate_hz=rate_hz,
+        angle=PulseTimes(times_s=np.arange(0.0, 4.0, 1 / speed_hz), shaft="input", pulses_per_rev=1),
+    )
+    first = summary(analyze(record, TWO_STAGE, settings=NO_TRACKS))["findings"][0]
+    assert (first["component"], first["kind"]) == ("input bearing", "inner_race")
 
 
 # ---- where the angle comes from ------------------------------------------------------------------------------------

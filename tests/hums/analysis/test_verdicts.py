@@ -198,7 +198,7 @@ def test_a_tooth_follows_from_its_strength_and_turns_at_the_stated_probability(o
         assert turned(strong, 0.99 * share / tests).verdict == "indicated"
     clear = turned(strong, 1.01 * share / tests)
     assert clear.verdict == "nothing found"
-    assert number(clear.least_change, "indicated at a probability of ") == pytest.approx(share, rel=0.002)
+    assert number(clear.least_change, "indicated if at most 1 in ") == pytest.approx(1 / share, rel=0.01)
 
 
 def number(text, after):
@@ -223,7 +223,7 @@ def test_a_verdict_turns_where_it_says(opened):
     assert with_evidence(opened, strength=0.98 * needed).verdict == "not judged"  # still rare in health
     assert weak.verdict == "nothing found"
     silent = with_evidence(opened, strength=0.0)
-    now = parts[RACE].possible_depth * number(silent.least_change, "detectable up to ")
+    now = parts[RACE].possible_depth * number(silent.least_change, "judged up to ")
     assert with_evidence(opened, strength=0.0, possible_depth=1.05 * now).verdict == "not judged"
     assert with_evidence(opened, strength=0.0, possible_depth=0.95 * now).verdict == "nothing found"
     assert with_evidence(opened, hidden_by="something").verdict == "not judged"
