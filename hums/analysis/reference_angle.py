@@ -31,9 +31,10 @@ _FEWEST_SAMPLES = 64  # to look for lines in
 # as exactly as the first; of the orders that do not show none costs more than the chance that one does
 _SHAFT_HARMONICS = 10
 _FASTEST_HZ = 750.0  # 45,000 rpm, our choice: faster input shafts are of small turbines alone, and declare a range
-_INSTANTS = 400  # of the time that two tachometers share, at which their angles are compared
+_INSTANTS = 400  # pulses at which the angles of two tachometers are compared
+_FEWEST_PULSES = 5  # two more than ratio, delay and offset take
 _LEAST_RATIO = 1e-3  # by which speeds have to differ from the drawing's ratio: both have the clock of the record
-_LEAST_PULSES = 0.5  # of the coarser tachometer by which angles have to differ
+_LEAST_PULSES = 0.5  # of the finer tachometer by which angles have to differ, or of the coarser by which they scatter
 _LEAST_TURNS = 0.01  # of the reference that a delay shifts its angle over a change of speed: half a cycle of order 50
 _CERTAIN = 5.0  # standard deviations of a delay
 _CHANGE = 0.02  # of the speed, below which no delay shows
@@ -439,15 +440,20 @@ def _contradiction(one: _Tachometer, other: _Tachometer, reference: str) -> str:
     begin, end = max(one.phase.start_s, other.phase.start_s), min(one.phase.stop_s, other.phase.stop_s)
     if not end > begin:
         return ""
-    at = np.linspace(begin, end, _INSTANTS)
+    coarse, fine = sorted((one, other), key=lambda tach: tach.pulses_per_turn)
+    pulses = coarse.phase.times_s  # at which its angle is known best
+    at = pulses[(pulses >= begin) & (pulses <= end)]
+    if at.size < _FEWEST_PULSES:
+        return ""
+    at = at[:: math.ceil(at.size / _INSTANTS)]
     first, second = (np.abs(tach.phase.revolutions_at(at) - tach.phase.revolutions[0]) for tach in (one, other))
     speed = np.abs(other.phase.speed_hz(at))
     turns = float(second[-1] - second[0])
     names = f'the tachometers "{one.name}" ({one.shaft}) and "{other.name}" ({other.shaft})'
     changes = float(np.ptp(speed)) > _CHANGE * float(speed.mean())
     ratio, delay, std, left = _fitted(first - second, second, speed if changes else None)
-    least = max(_LEAST_PULSES / min(one.pulses_per_turn, other.pulses_per_turn), _LEAST_RATIO * turns)
-    if abs(ratio) * turns > least or left > least:
+    apart, scattered = (max(_LEAST_PULSES / tach.pulses_per_turn, _LEAST_RATIO * turns) for tach in (fine, coarse))
+    if abs(ratio) * turns > apart or left > scattered:
         speeds = [float(np.abs(tach[-1] - tach[0])) / (end - begin) for tach in (first, second)]
         return (
             f"{names} contradict each other: by the drawing they give {speeds[0]:.5g} and {speeds[1]:.5g} Hz as the "

@@ -57,6 +57,12 @@ def test_true_ones_agree_and_the_better_one_is_taken(start_hz, stop_hz, per_rev,
     assert source(coarse, fine, tachometer="coarse").tachometer == "coarse"
 
 
+@pytest.mark.parametrize("off", [1.0, 1.03])
+def test_a_ratio_that_is_wrong_by_three_per_cent_shows_in_a_few_turns_of_a_slow_shaft(off):
+    slow = tachometer("slow", pulses(1, ratio=OUTPUT * off), shaft="output")
+    assert ("contradict" in source(tachometer("fast", pulses(1)), slow).contradiction) == (off != 1)
+
+
 @given(factor=st.sampled_from([2, 3, 4]), start_hz=st.floats(15, 40), stop_hz=st.floats(15, 40))
 @settings(max_examples=15, deadline=None)
 @pytest.mark.compiles
