@@ -124,7 +124,7 @@ ALLOWANCES = {
         "instants of the truth at equal angles, for code removed in integrators",
         "when sources are reduced",
     ),
-    "hums/analysis": (328, *ANGLE),
+    "hums/analysis": (332, *ANGLE),
     "signals/demodulation": (13, "the end of a filtered signal, for code removed in signals/monitoring", ANGLE[1]),
     "signals/harmonics, signals/slipping_order": (2, *MENDS),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),

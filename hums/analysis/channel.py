@@ -167,7 +167,7 @@ def analyse_channel(
     drawn = drawn_by(machine, settings)
     segments = tuple(replace(one, last_order=last, drawn=replace(drawn, tolerance=0.0)) for one in channel.segments)
     in_envelopes = [line for line in expected if line.spectrum == ENVELOPE]
-    bands = _bands_to_search(first.end_hz, machine, in_envelopes, settings)
+    bands = _bands_to_search(first, machine, in_envelopes, settings)
     envelopes = _Envelopes.of(bands, in_envelopes, machine)
     block = _block_turns(segments, early_s=envelopes.end_s)
     single = len(segments) == 1
@@ -682,16 +682,21 @@ def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
 
 
 def _bands_to_search(
-    end_hz: float, machine: Machine, expected: Sequence[ExpectedLine], settings: AnalysisSettings
+    segment: Segment, machine: Machine, expected: Sequence[ExpectedLine], settings: AnalysisSettings
 ) -> Sequence[tuple[float, float]]:
-    """Return the bands to demodulate up to a frequency, as wide as the lines need, or halves of the range."""
+    """Return the bands to demodulate, as wide as the lines need, or halves of the range.
+
+    There are none where a filter left too little for lines with harmonics, and damage may ring in what it removed.
+    """
     given = settings.envelope_band_hz
     if given is None or not expected:
         return ()
     if isinstance(given, tuple):
         return (given,)
     needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
-    return bank_bands(rate_hz=2 * end_hz, least_width_hz=needed)
+    bands = bank_bands(rate_hz=2 * segment.end_hz, least_width_hz=needed)
+    narrow = bands[0][1] - bands[0][0] < needed
+    return () if narrow and segment.end_hz < segment.when.rate_hz / 2 else bands
 
 
 def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:

@@ -49,6 +49,7 @@ __all__ = [
 ]
 
 DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
+UNEXPLAINED = "unexplained line"
 LONGER = "Take a longer record at a steady speed and load."
 _UNKNOWN = "unknown: no earlier record of this machine to compare with"
 
@@ -445,7 +446,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
         return _not_judged(part, why, probability=probability, least_change=least_change, next_step=step)
     if part.undrawn:
-        return _not_judged(part, f"unexplained: {part.undrawn}", least_change="nothing found without that line")
+        return _not_judged(part, f"{UNEXPLAINED}: {part.undrawn}", least_change="nothing found without that line")
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"judged up to {blind:.2g} times as much background noise")]

@@ -276,6 +276,7 @@ def _why_unmeasured(
     reach = max(channel.envelope_reach for channel in channels)
     if row.order * (1 + settings.slip) > reach:
         why = f"its line at {line_hz:.4g} Hz is above the {reach * machine.top_speed_hz:.4g} Hz that envelopes carry"
+        why = why if reach else "a filter left too little of the signal for an envelope band"
         remedy = "a wider envelope band" if isinstance(settings.envelope_band_hz, tuple) else "a higher sampling rate"
         return f"out of band: {why}", f"judged with {remedy}"
     return (

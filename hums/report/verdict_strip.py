@@ -10,6 +10,7 @@ from hums.analysis.findings import (
     INDICATED,
     NOT_JUDGED,
     NOTHING_FOUND,
+    UNEXPLAINED,
     not_judged_words,
     where_none_is_named,
 )
@@ -72,6 +73,8 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
         if parts:
             said.append((CLASSES[verdict], f"{words}: {', '.join(parts)}."))
     every = facts.get("verdicts", ())
+    if any(row.get("doubts", "").startswith(UNEXPLAINED) for row in every):
+        said.append((CLASSES[INDICATED], "An envelope line as deep as that of damage belongs to no component."))
     counts = {verdict: sum(row["verdict"] == verdict for row in every) for verdict in (NOTHING_FOUND, NOT_JUDGED)}
     if counts[NOTHING_FOUND]:
         rest = _checks(counts[NOTHING_FOUND])
