@@ -44,7 +44,7 @@ def test_a_kernel_is_compiled_anew_where_one_in_another_module_that_it_calls_cha
         "@compiled\ndef outer(x):\n    return inner(x)\n"
     )
     found = []
-    for factor in (2, 3):
+    for factor in (2, 30):  # sources of equal size and time would be one to Python, too
         (package / "_inner_kernels.py").write_text(
             f"from signals._compile import compiled\n\n\n@compiled\ndef inner(x):\n    return {factor} * x\n"
         )
@@ -54,4 +54,4 @@ def test_a_kernel_is_compiled_anew_where_one_in_another_module_that_it_calls_cha
             capture_output=True, text=True,
         )  # fmt: skip
         found.append(float(run.stdout))
-    assert found == [10.0, 15.0]
+    assert found == [10.0, 150.0]
