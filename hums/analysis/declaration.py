@@ -156,14 +156,15 @@ def judged_declaration(
         """Return the evidence of shafts and meshes for this ratio of the true speed to the declared one."""
         return max(float(comb.of_lines(peaks, np.array([ratio]), spread)[0]) for peaks, _ in spectra)
 
-    def of_bearings(ratio: float) -> float:
-        return max(comb.of_bearings(bands, ratio) for _, bands in spectra)
+    def of_rival(ratio: float) -> float:
+        # harmonics of a bearing are also some bearing's at half the speed: they support a rival, but decide none
+        lines = of_lines(ratio)
+        return lines + min(comb.of_bearings(spectra, ratio), bearings) if lines - shown >= CONFIRMED else -math.inf
 
-    bearings = of_bearings(1.0)
-    declared = of_lines(1.0) + bearings
+    bearings, shown = comb.of_bearings(spectra, 1.0), of_lines(1.0)
+    declared = shown + bearings
     nominal = machine.source.declared is not None
-    # harmonics of a bearing are also some bearing's at half the speed or twice: they support a rival, but decide none
-    best, words = max((of_lines(ratio) + min(of_bearings(ratio), bearings), words) for words, ratio in _rivals(machine))
+    best, words = max((of_rival(ratio), words) for words, ratio in _rivals(machine))
     rival = min(best, best - declared)
     if not nominal and rival >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
@@ -336,13 +337,13 @@ class _Comb:
                 return dict.fromkeys((component, *beside), at + words)
         return {}
 
-    def of_bearings(self, bands: Sequence[_Peaks], ratio: float) -> float:
-        """Return the logarithm of the evidence of a damaged bearing in any one of the envelopes."""
-        found = [self._of_bearing(peaks, order * ratio) for peaks in bands for order in self.bearings]
-        if not found:
-            return 0.0
-        mean = float(np.logaddexp.reduce(found)) - math.log(len(found))
-        return float(_if_it_shows(_DAMAGED, mean))
+    def of_bearings(self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], ratio: float) -> float:
+        """Return the logarithm of the evidence of a damaged bearing in any one of the envelopes of one channel."""
+        found = [
+            [self._of_bearing(one, order * ratio) for one in bands for order in self.bearings] for _, bands in spectra
+        ]
+        means = [float(np.logaddexp.reduce(one)) - math.log(len(one)) if one else 0.0 for one in found]
+        return max(float(_if_it_shows(_DAMAGED, mean)) for mean in means)
 
     def shown_ratio(
         self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float, *, reach: float, path: float
@@ -354,7 +355,7 @@ class _Comb:
         finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, self.top) for peaks, _ in spectra)
         ratios = 1 + np.arange(-reach, reach, max(finest, 2 * reach / _MOST_SPEEDS))
         coarse = np.linspace(1 - reach, 1 + reach, 2 + round(4 * reach / self.slip))
-        bearings = [max(self.of_bearings(bands, ratio) for _, bands in spectra) for ratio in coarse.tolist()]
+        bearings = [self.of_bearings(spectra, ratio) for ratio in coarse.tolist()]
         of_bearings = np.interp(ratios, coarse, bearings)
         found = {
             spread: of_bearings + np.max([self.of_lines(peaks, ratios, spread) for peaks, _ in spectra], axis=0)

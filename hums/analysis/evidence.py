@@ -234,14 +234,13 @@ def bearing_evidence(
 
 def _unknown(strange: Sequence[tuple[float, float]]) -> str:
     """Return what the deepest of some lines that the drawing does not explain may be; empty if there is none."""
-    return next(
-        (
-            f"the envelope line at {order:.3f} orders, which modulates a band by {depth:.0%}, belongs to no component: "
-            "the data of a bearing may be wrong (elements, diameters, contact angle), a bearing may be missing from "
-            "the drawing, or another machine strikes"
-            for depth, order in strange
-        ),
-        "",
+    if not strange:
+        return ""
+    depth, order = strange[0]
+    return (
+        f"the envelope line at {order:.3f} orders, which modulates a band by {depth:.0%}, belongs to no component: the "
+        "data of a bearing may be wrong (elements, diameters, contact angle), a bearing may be missing from the "
+        "drawing, or another machine strikes"
     )
 
 

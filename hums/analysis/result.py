@@ -472,7 +472,7 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
     Returns
     -------
     pandas.DataFrame
-        component and kind of the defect; alike, other components that the record cannot tell from it; channel that
+        component and kind of the defect; alike, other components indistinguishable from it; channel that
         shows it best; verdict, ``"diagnosed"`` or ``"indicated"``;
         evidence in words; false_alarm_probability; snr; order_found in cycles per revolution of the reference;
         amplitude (peak) in units.

@@ -91,7 +91,7 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
 
 
 def part_words(finding: Mapping[str, Any]) -> str:
-    """Return the component of a finding, with those that the record cannot tell from it."""
+    """Return the component of a finding and the components indistinguishable from it, joined by "or"."""
     return " or ".join(filter(None, [finding["component"], finding.get("alike")]))
 
 
