@@ -23,12 +23,9 @@ def drawing(
         typer.Option("--out", "-o", help="Folder for all figures, or a single .svg, .png, .pdf or .html file."),
     ] = None,
     picture: Annotated[
-        Literal["mechanism", "velocities", "orders"],
-        typer.Option(help="Figure to write if --out is a single file; for the graph, see --graph."),
+        Literal["mechanism", "velocities", "orders", "graph"],
+        typer.Option(help="Figure to write if --out is a single file; graph: the links with their pairs."),
     ] = "mechanism",
-    graph: Annotated[
-        bool, typer.Option("--graph", help="Draw only the graph of links: turning pairs with levels, and gear pairs.")
-    ] = False,
     speed: LinkSpeeds = None,
     kind: FigureFormat = "svg",
     force: Force = False,
@@ -47,16 +44,13 @@ def drawing(
         say("drawing the animated page")
         echo(f"wrote {write_drawing(kinematics, out, speeds_rpm=given, force=force)}")
         return
-    if graph:
-        out = out or Path(f"{Path(gearbox).stem}-graph.{kind}")
     if out is None:
         raise UsageError("--out is missing; name a folder, a figure such as m.svg, or an animated page such as m.html.")
     if out.suffix and out.suffix.lower() not in _FIGURES and not out.is_dir():
         raise UsageError(f"{out}: a figure ends in .svg, .png or .pdf, a page in .html; a folder has no suffix.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
-        chosen = "graph" if graph else picture
-        save_picture(pictures[chosen], out, _SIZES[chosen], force=force)
+        save_picture(pictures[picture], out, _SIZES[picture], force=force)
         return
     check_outputs((out / f"{name}.{kind}" for name in pictures), inputs=[gearbox], force=force)
     out.mkdir(parents=True, exist_ok=True)
@@ -83,7 +77,7 @@ def _pictures_of(kinematics: "Kinematics", speeds: "Speeds") -> dict[str, list[C
 
     gearbox = kinematics.gearbox
 
-    views: tuple[Any, ...] = ("section", "axial") if layout_of(gearbox).planar else (None,)
+    views: tuple[Any, ...] = ("section", "axial") if layout_of(gearbox).planar else ("section",)
 
     def orders(ax: Any) -> None:  # noqa: ANN401
         reference = gearbox.reference or next(iter(speeds))

@@ -9,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
-from matplotlib.ticker import LogFormatter
 from scipy.signal import resample
 
 from hums.plots.labels import LabelSpace, apply_layout, point_size
-from hums.plots.style import INK, KIND_COLOURS, LINE, MARK, TRACK_COLOURS, line_label, power_of_ten
+from hums.plots.style import INK, KIND_COLOURS, LINE, MARK, TRACK_COLOURS, line_label
 
 _COLUMNS = 1600  # of a drawn spectrum, each showing its largest value
 _MOST_LABELS = 14
@@ -21,13 +20,13 @@ _NAME_GAP = 5  # points, from a line to its label
 _ORDER = "order, cycles per revolution of the reference"
 
 
-def plot_speed(speed: xr.Dataset | xr.DataTree, *, ax: Axes) -> Axes:
+def plot_speed(analysis: xr.DataTree, *, ax: Axes) -> Axes:
     """Draw the speed of the reference against time.
 
     Parameters
     ----------
-    speed : xarray.Dataset or xarray.DataTree
-        Group ``/speed`` of an analysis, or the analysis.
+    analysis : xarray.DataTree
+        Analysis of a record.
     ax : matplotlib.axes.Axes
         Axes to draw on.
 
@@ -46,10 +45,10 @@ def plot_speed(speed: xr.Dataset | xr.DataTree, *, ax: Axes) -> Axes:
     ...     coords={"time_s": ("revolution", [0.025, 0.074])},
     ...     attrs={"shaft": "input"},
     ... )
-    >>> plot_speed(speed, ax=Figure().add_subplot()).get_ylabel()
+    >>> plot_speed(xr.DataTree.from_dict({"speed": speed}), ax=Figure().add_subplot()).get_ylabel()
     'speed of input, rev/s'
     """
-    speed = _group(speed, "speed")
+    speed = analysis["speed"].to_dataset()
     ax.plot(speed["time_s"], speed["speed_hz"], color=LINE, lw=1.2)
     ax.set(xlabel="time, s", ylabel=f"speed of {speed.attrs['shaft']}, rev/s")
     low, high = float(speed["speed_hz"].min()), float(speed["speed_hz"].max())
@@ -59,27 +58,24 @@ def plot_speed(speed: xr.Dataset | xr.DataTree, *, ax: Axes) -> Axes:
 
 
 def plot_spectrum(
-    group: xr.Dataset | xr.DataTree,
+    analysis: xr.DataTree,
     *,
     channel: str,
     ax: Axes,
-    logarithmic: bool = False,
     spectrum: Literal["order_spectrum", "envelope"] = "order_spectrum",
 ) -> Axes:
     """Draw one channel's spectrum against order: identified lines with dot and label, other expected ones with a tick.
 
     Parameters
     ----------
-    group : xarray.Dataset or xarray.DataTree
-        Group ``/order_spectrum`` or ``/envelope`` of an analysis, or the analysis.
+    analysis : xarray.DataTree
+        Analysis of a record.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
         Axes to draw on.
-    logarithmic : bool
-        Whether the amplitude axis is logarithmic, which shows the sidebands of a strong mesh line.
     spectrum : {"order_spectrum", "envelope"}
-        Which group of an analysis to draw.
+        Which spectrum to draw.
 
     Returns
     -------
@@ -99,53 +95,45 @@ def plot_spectrum(
     >>> plot_spectrum(analysis, channel="housing", ax=Figure().add_subplot()).get_ylabel()
     'peak amplitude, g'
     """
-    group = _group(group, spectrum)
+    group = analysis[spectrum].to_dataset()
     drawn = group.sel(channel=channel)
     orders, amplitude = _column_maxima(drawn["order"].to_numpy(), drawn["amplitude"].to_numpy())
     ax.plot(orders, amplitude, color=LINE, lw=0.7)
     lines = _lines(group, channel)
     top = float(amplitude.max()) or 1.0
-    bottom = float(np.median(amplitude)) / 2 if logarithmic else 0.0
     for kind in dict.fromkeys(line["kind"] for line in lines):
         colour, mine = KIND_COLOURS.get(kind, INK), [line for line in lines if line["kind"] == kind]
         dots = [(line["order_found"], line["line_amplitude"]) for line in mine if line["claimed"]]
-        ticks = [(line["line_order"], bottom) for line in mine if not line["claimed"]]
+        ticks = [(line["line_order"], 0.0) for line in mine if not line["claimed"]]
         ax.plot(*zip(*dots, strict=True), "o", color=colour, ms=3.5, zorder=3) if dots else None
         ax.plot(*zip(*ticks, strict=True), "|", color=colour, ms=5, alpha=0.5, clip_on=False) if ticks else None
     ax.set(
         xlabel=_ORDER,
         ylabel=f"peak amplitude, {drawn['units'].item()}",
         xlim=(0, float(orders[-1])),
-        yscale="log" if logarithmic else "linear",
-        ylim=(bottom, 1.1 * top),
+        ylim=(0.0, 1.1 * top),
     )
-    if logarithmic:  # in plain letters, since mathematical text is slow to lay out
-        ax.yaxis.set_major_formatter(lambda value, _: power_of_ten(value))
-        ax.yaxis.set_minor_formatter(LogFormatter())
     _name_lines([line for line in lines if line["claimed"]], np.column_stack((orders, amplitude)), ax=ax)
     return ax
 
 
 def plot_tracks(
-    tracks: xr.Dataset | xr.DataTree,
+    analysis: xr.DataTree,
     *,
     channel: str,
     ax: Axes,
-    most: int = 6,
     of: Literal["tracks", "envelope_tracks"] = "tracks",
 ) -> Axes:
     """Draw the largest amplitude tracks of a channel against time, each with its pointwise 95 % confidence interval.
 
     Parameters
     ----------
-    tracks : xarray.Dataset or xarray.DataTree
-        Group ``/tracks`` or ``/envelope_tracks`` of an analysis, or the analysis.
+    analysis : xarray.DataTree
+        Analysis of a record.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
         Axes to draw on.
-    most : int
-        Maximum number of tracks drawn.
     of : {"tracks", "envelope_tracks"}
         Which group of an analysis to draw: orders of the record, or envelope lines of components with a finding.
 
@@ -175,17 +163,17 @@ def plot_tracks(
     >>> round(float(ax.lines[0].get_ydata().mean()), 2)
     0.5
     """
-    tracks = _group(tracks, of)
+    tracks = analysis[of].to_dataset()
     if "track" not in tracks.sizes or channel not in tracks["track_channel"].to_numpy():
         raise ValueError(f'the analysis has no {of.replace("_", " ")} of channel "{channel}" to draw.')
     mine = tracks.isel(track=np.flatnonzero(tracks["track_channel"].to_numpy() == channel))
     size = np.abs(mine["complex_amplitude"].to_numpy()).mean(axis=1)
-    for rank, index in enumerate(np.argsort(-size)[:most]):
+    for rank, index in enumerate(np.argsort(-size)[: len(TRACK_COLOURS)]):
         track = mine.isel(track=index)
         amplitude = np.abs(track["complex_amplitude"].to_numpy())
         half_width, time = track["half_width"].to_numpy(), track["time_s"].to_numpy()
         low, high = np.maximum(amplitude - half_width, 0), amplitude + half_width
-        colour = TRACK_COLOURS[rank % len(TRACK_COLOURS)]
+        colour = TRACK_COLOURS[rank]
         name = f"{track['component'].item()} {track['track_order'].item():.4g}"
         ax.plot(time, amplitude, color=colour, lw=1.2, label=name)
         ax.fill_between(time, low, high, color=colour, alpha=0.2, lw=0)
@@ -344,7 +332,7 @@ def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axe
     return ax
 
 
-def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int = 6) -> Axes:
+def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes) -> Axes:
     """Draw the condition indices of a machine's worst components against record number, with the alarm limit.
 
     Parameters
@@ -355,8 +343,6 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
         Machine to draw.
     ax : matplotlib.axes.Axes
         Axes to draw on.
-    most : int
-        Maximum number of components drawn.
 
     Returns
     -------
@@ -387,7 +373,7 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
             f'machine "{machine}" has no condition index to draw: it has no records, or only those of its baseline.'
         )
     largest = np.where(np.isfinite(health), health, -np.inf).max(axis=0)
-    for colour, column in zip(TRACK_COLOURS, np.argsort(-largest, kind="stable")[:most], strict=False):
+    for colour, column in zip(TRACK_COLOURS, np.argsort(-largest, kind="stable"), strict=False):
         name = str(fleet["watched"].to_numpy()[column])
         ax.plot(1 + np.arange(len(health)), health[:, column], ".-", color=colour, lw=1.0, ms=4, label=name)
     ax.axhline(1.0, color=INK, lw=0.9, ls="--", label="alarm")
@@ -404,10 +390,6 @@ def _of_channel(analysis: xr.DataTree, name: str, channel: str) -> xr.Dataset:
         known = ", ".join(parts) or "none"
         raise ValueError(f'the analysis has no {name.replace("_", " ")} of channel "{channel}"; available: {known}.')
     return parts[channel].to_dataset()
-
-
-def _group(data: xr.Dataset | xr.DataTree, name: str) -> xr.Dataset:
-    return data[name].to_dataset() if isinstance(data, xr.DataTree) else data
 
 
 def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes) -> None:

@@ -4,73 +4,17 @@ They accept any object with the stated attributes, such as the results of `data_
 """
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
-from numpy.typing import NDArray
 
 from hums.plots.labels import name_right_ends
 from hums.plots.style import FAINT, INK, LINE, MARK
 
-Array = NDArray[np.float64]
-_GROWTH_TOLERANCE = 1e-6  # of a multiplier above 1, for rounding
 
-
-class ModeShapes(Protocol):
-    """Natural frequencies and mode shapes."""
-
-    @property
-    def frequencies_hz(self) -> Array:
-        """Natural frequencies in Hz, (mode,)."""
-
-    @property
-    def shapes(self) -> Array:
-        """Mass-normalised mode shapes, (dof, mode)."""
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kind of each mode."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each degree of freedom."""
-
-
-class CampbellDiagram(Protocol):
-    """Natural frequencies over speed, and the orders of the meshes."""
-
-    @property
-    def speeds_rad_s(self) -> Array:
-        """Speeds of the reference in rad/s, (speed,)."""
-
-    @property
-    def frequencies_hz(self) -> Array:
-        """Natural frequencies in Hz, (speed, mode)."""
-
-    @property
-    def orders(self) -> tuple[float, ...]:
-        """Mesh orders in cycles per revolution of the reference."""
-
-
-class StabilityMap(Protocol):
-    """Magnitude of the largest Floquet multiplier over speed and a parameter."""
-
-    @property
-    def speeds_rad_s(self) -> Array:
-        """Speeds of the reference in rad/s, (speed,)."""
-
-    @property
-    def parameters(self) -> Array:
-        """Values of the parameter in any unit, (parameter,)."""
-
-    @property
-    def growth(self) -> Array:
-        """Magnitude of the largest Floquet multiplier, (parameter, speed)."""
-
-
-def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes, energy: Mapping[str, float] | None = None) -> Axes:
+def plot_mode_shape(modes: Any, number: int, *, ax: Axes, energy: Mapping[str, float] | None = None) -> Axes:  # noqa: ANN401
     """Draw one mode shape as a bar per degree of freedom.
 
     Translations and rotations are each scaled to their own largest value, since they have different units.
@@ -128,7 +72,7 @@ def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes, energy: Mapping
     return ax
 
 
-def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> Axes:
+def plot_campbell(diagram: Any, *, ax: Axes, harmonics: int = 1) -> Axes:  # noqa: ANN401
     """Draw a Campbell diagram: natural frequencies against speed, and mesh harmonics as dashed lines.
 
     Modes are numbered from 1, rigid-body modes included. The frequency axis ends above the highest mesh harmonic.
@@ -177,7 +121,7 @@ def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> 
     return ax
 
 
-def plot_stability_map(map_: StabilityMap, *, ax: Axes, parameter: str = "") -> Axes:
+def plot_stability_map(map_: Any, *, ax: Axes, parameter: str = "") -> Axes:  # noqa: ANN401
     """Draw instability regions against speed in rpm and a parameter, or the multiplier for a single parameter value.
 
     Parameters
@@ -214,7 +158,8 @@ def plot_stability_map(map_: StabilityMap, *, ax: Axes, parameter: str = "") -> 
         ax.axhline(1, color=FAINT, lw=0.8)
         ax.set_ylabel("largest Floquet multiplier")
         return ax
-    excess = np.where(map_.growth > 1 + _GROWTH_TOLERANCE, map_.growth - 1, np.nan)
+    growth_tolerance = 1e-6  # of a multiplier above 1, for rounding
+    excess = np.where(map_.growth > 1 + growth_tolerance, map_.growth - 1, np.nan)
     ax.set_facecolor("white")
     full = np.array(to_rgb(MARK))
     single_hue = ListedColormap(1 - np.linspace(0.25, 1, 64)[:, None] * (1 - full))  # of rising saturation

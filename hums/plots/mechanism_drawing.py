@@ -35,9 +35,8 @@ def draw_mechanism(
     gearbox: Gearbox,
     *,
     ax: Axes,
-    view: View | None = None,
+    view: View = "section",
     colours: Mapping[str, str] | None = None,
-    names: bool = True,
 ) -> Axes:
     """Draw the mechanism of a gearbox: gears as pitch circles, shafts, carriers and bearings.
 
@@ -49,14 +48,11 @@ def draw_mechanism(
         From `hums.load_gearbox`.
     ax : matplotlib.axes.Axes
         Axes to draw on; their figure is enlarged if the names need more space.
-    view : {"section", "axial"}, optional
+    view : {"section", "axial"}
         Section through the axes, which shows all parts, or view along parallel axes, which shows pitch circles.
-        Default: section.
     colours : mapping of component to colour, optional
         Colours of components by the names of `hums.defect_orders`: a bearing, a shaft or link, a mesh (``"stage 1"``,
         drawn as its pitch point), or a gear of a mesh (``"stage 1/pinion"``).
-    names : bool
-        Whether to write the names of the parts.
 
     Returns
     -------
@@ -96,8 +92,7 @@ def draw_mechanism(
     ax.set_axis_off()
     notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, _LINE))
     ax.set_title(notes, loc="center", ma="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
-    if names:
-        drawing.write_names()
+    drawing.write_names()
     return ax
 
 

@@ -29,7 +29,7 @@ def test_drawing_of_one_picture_and_of_a_page(run, tmp_path):
     assert (tmp_path / "v.png").read_bytes().startswith(b"\x89PNG")
     assert run("drawing", "two-stage", "-o", tmp_path / "p.html", "--speed", "output=100")[0] == 0
     assert '"link": "output", "rpm": 100.0' in (tmp_path / "p.html").read_text(encoding="utf-8")
-    assert run("drawing", "ravigneaux", "--graph", "-o", tmp_path / "g.svg")[0] == 0
+    assert run("drawing", "ravigneaux", "--picture", "graph", "-o", tmp_path / "g.svg")[0] == 0
     assert "turning pair" in (tmp_path / "g.svg").read_text(encoding="utf-8")
     code, _, err = run("drawing", "two-stage", "-o", tmp_path / "m.jpg")
     assert (code, "a figure ends in .svg, .png or .pdf" in err, (tmp_path / "m.jpg").exists()) == (2, True, False)

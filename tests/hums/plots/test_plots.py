@@ -389,7 +389,7 @@ def crowded(count=30):
 class TestSpectrum:
     def test_names_do_not_cover_each_other_and_fundamentals_come_first(self):
         ax = axes(height=3.4)
-        plot_spectrum(crowded(), channel="a", ax=ax)
+        plot_spectrum(xr.DataTree.from_dict({"order_spectrum": crowded()}), channel="a", ax=ax)
         labels = [text.get_text() for text in ax.texts]
         assert labels[0] == "wanted inner race"
         assert 3 < len(labels) < 31
