@@ -115,16 +115,15 @@ def test_a_masked_value_is_as_one_that_is_not_a_number(cases):
 
 
 def test_a_read_only_array_compiles_nothing():
-    from signals.harmonics import _block_kernels  # noqa: PLC0415 - loads numba
+    from numba.core import event  # noqa: PLC0415 - takes a second
 
     angle = 2 * np.pi * 8 * np.arange(X.size) / RATE_HZ
     settings = {"orders": [1.0], "bandwidth_hz": 1.0, "rate_hz": RATE_HZ}
     track_orders(X, phase_rad=angle, **settings)
-    kernels = [kernel for kernel in vars(_block_kernels).values() if hasattr(kernel, "signatures")]
-    before = [len(kernel.signatures) for kernel in kernels]
+    cepstrum_prewhitening(X)
     frozen = X.copy()
     frozen.flags.writeable = angle.flags.writeable = False
-    track_orders(frozen, phase_rad=angle, **settings)
-    cepstrum_prewhitening(frozen)
-    assert [len(kernel.signatures) for kernel in kernels] == before
-    assert any(before)
+    with event.install_recorder("numba:compile") as compiled:
+        track_orders(frozen, phase_rad=angle, **settings)
+        cepstrum_prewhitening(frozen)
+    assert not compiled.buffer

@@ -220,13 +220,6 @@ def test_two_files_of_one_name(tmp_path):
         convert_files(find_sources([tmp_path / "a", tmp_path / "b"]), tmp_path / "out", form="files", **DECLARED)
 
 
-def test_the_fleet_takes_it(folder, tmp_path):
-    made = convert_files(find_sources([f"{folder}/acc_1?.csv"])[:2], tmp_path / "two", **DECLARED)
-    settings = hums.AnalysisSettings(most_tracks=0, pictures=False, envelope_band_hz=None)
-    fleet = hums.analyze_fleet([made.folder], "two-stage", tmp_path / "fleet", settings=settings)
-    assert (fleet.records, fleet.failed) == (2, 0)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="elsewhere names of files are text")
 def test_a_name_that_is_no_utf8_is_one_refusal(tmp_path):
     source = tmp_path / "in"

@@ -1,11 +1,8 @@
 import os
-import resource
 import signal
 import subprocess
 import sys
 import time
-from collections import deque
-from concurrent.futures import Executor, Future
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -32,12 +29,6 @@ class TestWorkers:
     def test_all_make_the_same_files(self, tmp_path, workers):
         assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=workers) == Tally(done=6, kept=0)
         assert contents(tmp_path) == WRITTEN
-
-    def test_a_relative_folder_is_found_by_the_workers(self, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
-        Path("here").mkdir()
-        run_jobs(clusters.write_item, JOBS, folder=Path("here"), workers=Processes(count=1))
-        assert contents(tmp_path / "here") == WRITTEN
 
     def test_processes_have_one_thread_and_ours_keeps_its_own(self, tmp_path, monkeypatch):
         monkeypatch.setenv("OMP_NUM_THREADS", "7")
@@ -107,34 +98,6 @@ class TestGoingOn:
 
 
 class TestQueue:
-    def test_few_jobs_wait_with_the_pool(self, tmp_path):
-        # a hundred thousand jobs would be as many tasks in the memory of a scheduler
-        class Counting(Executor):
-            waiting, most = 0, 0
-
-            def submit(self, function, *args):
-                self.waiting += 1
-                self.most = max(self.most, self.waiting)
-                future = Late(self)
-                function(*args)
-                future.set_result(None)
-                return future
-
-        class Late(Future):
-            def __init__(self, pool):
-                super().__init__()
-                self.pool = pool
-
-            def result(self, timeout=None):
-                self.pool.waiting -= 1
-                return super().result(timeout)
-
-        pool, many = Counting(), deque(Job(name=str(item), item=item) for item in range(50))
-        settings = {"width": 4, "death": RuntimeError, "advance": lambda _: None}
-        jobs._submit(clusters.write_item, many, folder=tmp_path, pool=pool, **settings)
-        assert len(contents(tmp_path)) == 50
-        assert pool.most == 4
-
     def test_the_bar_counts_what_is_in_the_jobs(self, tmp_path, capsys):
         sized = [Job(name=str(item), item=item, size=10) for item in range(3)]
         (tmp_path / "0").write_text("made before")
@@ -215,9 +178,3 @@ def test_a_worker_that_hangs_is_ended():
     process.start()
     process.join(60)
     assert process.exitcode == -signal.SIGXCPU
-
-
-def test_no_limit_where_there_is_no_worker():
-    before = resource.getrlimit(resource.RLIMIT_CPU)
-    with cpu_limit(0.01):
-        assert resource.getrlimit(resource.RLIMIT_CPU) == before

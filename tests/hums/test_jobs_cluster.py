@@ -1,6 +1,5 @@
 """On a Dask cluster jobs, datasets and fleets leave what they leave in one process."""
 
-import os
 import sys
 from concurrent.futures import CancelledError
 from importlib.util import find_spec
@@ -65,11 +64,6 @@ def contents(folder):
 def test_jobs_leave_the_same_files(tmp_path, cluster):
     assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=cluster) == Tally(done=6, kept=0)
     assert contents(tmp_path) == {f"{item}.txt": f"item {item}".encode() for item in range(6)}
-
-
-def test_jobs_are_done_in_other_processes(tmp_path, cluster):
-    run_jobs(clusters.write_process, JOBS, folder=tmp_path, workers=cluster)
-    assert str(os.getpid()).encode() not in contents(tmp_path).values()
 
 
 def test_a_job_that_kills_its_worker_is_found_and_the_rest_is_done(tmp_path, cluster):

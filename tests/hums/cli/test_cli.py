@@ -112,13 +112,6 @@ def assert_mesh(facts):
     assert mesh["amplitude"] == pytest.approx(1.0, abs=0.03)
 
 
-def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
-    code, _, err = run(*convert_words(mat, tmp_path / "record.h5"))
-    assert code == 1
-    assert all(option in err for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"))
-    assert not (tmp_path / "record.h5").exists()
-
-
 @pytest.mark.parametrize(
     ("status", "words", "sentence"),
     [

@@ -98,14 +98,6 @@ class TestBothDoors:
         carrier = {frozenset(name for name, _ in c.gears): c.carrier for c in by_hand.contacts}
         assert carrier == {frozenset(name for name, _ in c.gears): c.carrier for c in by_table.contacts}
 
-    def test_bearings_come_along(self):
-        bearing = {"names": ["b"], "inner_ring": "7", "outer_ring": "1", "elements": 25, "element_diameter_mm": 5}
-        bearing |= {"pitch_diameter_mm": 54, "contact_angle_deg": 15}
-        gearbox = from_adjacency_table(*DIFFERENTIAL, frame=0, bearings=[bearing], reference="7")
-        assert gearbox.bearings[0].names == ("b",)
-        again = from_adjacency_table(*DIFFERENTIAL, frame=0, bearings=gearbox.bearings, reference="7")
-        assert again == gearbox
-
 
 def changed(pair, which, i, j, value):
     copies = [np.array(part) for part in pair]

@@ -128,11 +128,6 @@ class TestSpeeds:
         with pytest.raises(GearboxError, match=words):
             solve_kinematics(load_gearbox("car-differential")).rates(speeds)
 
-    @pytest.mark.parametrize("kind", [int, F, np.float32, np.int64])
-    def test_any_kind_of_number(self, kind):
-        kinematics = solve_kinematics(load_gearbox("two-stage"))
-        assert speed(kinematics, "output", input=kind(67 * 61)) == 23 * 19
-
     def test_no_reference(self):
         with pytest.raises(GearboxError, match="declares no reference"):
             solve_kinematics(load_gearbox("car-differential").changed(reference=None)).rates()

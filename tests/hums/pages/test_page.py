@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from browser import draw_all, printed, screenshot, show, text_of, violations
+from browser import draw_all, screenshot, show, violations
 
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, packed_codes, stand_alone_page
 
@@ -115,12 +115,3 @@ def test_keys_move_and_zoom(browser, page):
     right = browser.execute_script(send, "ArrowRight")
     assert right[0] == pytest.approx(low_then + 0.2 * (high_then - low_then))
     assert browser.execute_script(send, "0") == pytest.approx([low, high])
-
-
-def test_paper_has_every_figure_as_text_in_light_colours(browser, page):
-    show(browser, page, dark=True)
-    text = text_of(printed(browser))
-    assert "legible axis" in text
-    assert "Seen." in text
-    assert browser.execute_script("return [...pages.figures.values()].every((figure) => figure.drawn)")
-    assert "dark" in browser.execute_script("return getComputedStyle(document.documentElement).colorScheme")

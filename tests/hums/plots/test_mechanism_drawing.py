@@ -1,6 +1,5 @@
 """The drawn mechanism: parts in the colours asked for, names once each, none over another."""
 
-import re
 import warnings
 from itertools import combinations
 
@@ -15,7 +14,7 @@ from matplotlib.text import Text
 from hums.gearbox.defect_orders import defects
 from hums.gearbox.layout import layout_of
 from hums.gearbox.model import GearboxWarning, load_gearbox
-from hums.plots import coloured_components, draw_mechanism, svg
+from hums.plots import coloured_components, draw_mechanism
 
 
 def figure(name, **words):
@@ -70,12 +69,6 @@ def test_names_beside_another_view_do_not_overlap_and_leave_the_mechanism_its_si
         assert max(drawn.width, drawn.height) > 0.2 * 9 * ax.figure.dpi
 
 
-def test_a_page_grows_to_the_height_of_many_names():
-    gearbox, _ = figure("wind-turbine-3-stage")
-    ax = draw_mechanism(gearbox, ax=Figure(figsize=(7, 1.8), layout="constrained").add_subplot())
-    assert_apart(ax)
-
-
 def assert_apart(ax):
     """Names are drawn once each, apart from each other; leaders may cross."""
     ax.figure.draw_without_rendering()
@@ -100,9 +93,3 @@ def test_along_the_axes_each_tooth_has_a_tick():
 def test_along_axes_that_are_not_parallel_is_refused():
     with pytest.raises(ValueError, match="needs parallel axes"):
         figure("alouette-iii", view="axial")
-
-
-def test_text_of_an_svg_is_text():
-    gearbox, _ = figure("two-stage")
-    text = svg(lambda ax: draw_mechanism(gearbox, ax=ax))
-    assert re.search(r"<text[^>]*>intermediate bearing</text>", text)

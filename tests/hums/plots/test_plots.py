@@ -1,6 +1,5 @@
 """Figures: what they must show stands in them, where it belongs, and no text covers another."""
 
-from collections import Counter
 from functools import cache
 from itertools import combinations
 
@@ -8,13 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.text import Annotation
-from scipy.optimize import isotonic_regression
 
 import hums
 from hums.gearbox.defect_orders import defect_orders
@@ -32,7 +28,6 @@ from hums.plots import (
     svg,
     velocity_diagram,
 )
-from hums.plots.labels import spread
 
 LOCKED = {"left wheel": 0, "right wheel": 1}
 # shafts, planets, planets in stages, bevel gears, planets that mesh with planets
@@ -120,15 +115,6 @@ class TestMechanismGraph:
         corners = [{at[float(x), float(y)] for x, y in polygon.get_xy()} for polygon in polygons(ax)]
         assert {"car", "left wheel", "right wheel", "cage"} in corners
         assert {"cage", "planet a", "planet b"} in corners
-
-    def test_a_mesh_is_one_dashed_edge_with_its_teeth(self, graph):
-        kinematics, ax = graph
-        meshes = {contact.mesh: contact for contact in kinematics.contacts}
-        assert len(edges(ax, dashed=True)) == len(meshes)
-        teeth = Counter(
-            str(number).replace("-", "\N{MINUS SIGN}") for mesh in meshes.values() for _, number in mesh.gears
-        )
-        assert Counter(text.get_text() for text in ax.texts if text.get_weight() == "bold") == teeth
 
     def test_teeth_stand_nearer_to_their_gear(self):
         ax = graph_of("two-stage")
@@ -224,14 +210,6 @@ class TestVelocityDiagram:
         assert matched([start for _, start in relative], [0.5, 0.5])  # at the tip of the cage
         assert ax._left_title.get_text() == "at rest: car, left wheel"
 
-    def test_straight_ahead_links_share_an_arrow(self):
-        ax = axes()
-        velocity_diagram(kinematics_of("car-differential"), {"left wheel": 1, "right wheel": 1}, ax=ax)
-        assert matched([vector for vector, _ in arrows(ax, dashed=False)], [1, -5])
-        assert not arrows(ax, dashed=True)
-        names = " ".join(text.get_text() for text in ax.texts)
-        assert all(link in names for link in ("left wheel", "right wheel", "cage", "planet a", "planet b"))
-
     def test_parallel_axes_by_willis(self):
         # ring at rest: carrier 27 / (27 + 99), planet on it -27/36 of what the carrier sees of the sun
         carrier = 27 / 126
@@ -284,14 +262,6 @@ class TestSpeedOrderChart:
         doubled = [line for line in ax.lines if np.isclose(line.get_ydata()[-1], 20.0)]
         assert [line.get_linestyle() for line in doubled] == ["-", "--"]
         assert not same_color(doubled[0].get_color(), doubled[1].get_color())
-
-    def test_every_order_has_a_name_in_the_order_of_frequencies(self):
-        ax, table = chart("alouette-iii", height=6.4)
-        assert len(ax.texts) == table["order"].round(12).nunique()
-        ax.figure.draw_without_rendering()
-        named = sorted((text_extent(text).y0, float(text.get_text().split()[0])) for text in ax.texts)
-        orders = [order for _, order in named]
-        assert orders == sorted(orders)
 
     @pytest.mark.parametrize("name", CROWDED)
     def test_nothing_covers_a_text(self, name):
@@ -438,23 +408,6 @@ class TestOfAnAnalysis:
         fleet = xr.Dataset({"machine": ("record", ["a"]), "health": (("record", "watched"), [[np.nan]])})
         with pytest.raises(ValueError, match='machine "a" has no condition index'):
             plot_control_chart(fleet.assign_coords(watched=["stage 1"]), machine="a", ax=axes())
-
-
-class TestPlaces:
-    @given(
-        wanted=st.lists(st.floats(0, 100), min_size=1, max_size=12).map(sorted),
-        gap=st.floats(0.1, 8.0),
-    )
-    def test_spread_is_the_least_move(self, wanted, gap):
-        # without bounds: the isotonic regression of scipy, after taking the gaps out
-        wanted = np.array(wanted)
-        moved = spread(wanted, gap=gap, low=-1e6, high=1e6)
-        steps = gap * np.arange(wanted.size)
-        np.testing.assert_allclose(moved, isotonic_regression(wanted - steps).x + steps, atol=1e-9)
-        kept = spread(wanted, gap=gap, low=0.0, high=100.0)
-        assert np.all(np.diff(kept) >= gap - 1e-9)
-        assert kept[0] >= 0
-        assert kept[-1] <= 100 + 1e-9  # 12 gaps of 8 fit into 100
 
 
 def test_a_dollar_in_a_name_is_a_dollar():

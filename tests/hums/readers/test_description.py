@@ -105,16 +105,6 @@ def test_a_declared_time_column(tmp_path):
     assert record.attrs["recorded_at"] == "2023-11-14T22:13:20Z"  # date -u -d @1700000000
 
 
-def test_a_time_of_recording_in_a_time_zone(tmp_path):
-    np.savetxt(tmp_path / "a.csv", np.arange(100.0), header="DE", comments="")
-    told = {"channels": ["DE"], "units": "g", "rate_hz": 1.0, "no_tachometer": True}
-    assert "no time zone" in refusal(told, tmp_path / "a.csv", recorded_at="2024-07-01T12:00:00")
-    record = hums.convert(tmp_path / "a.csv", told, recorded_at="2024-07-01T12:00:00", time_zone="Europe/Berlin")
-    assert record.attrs["recorded_at"] == "2024-07-01T10:00:00Z"
-    for when in ("2024-10-27T02:30:00", "2024-03-31T02:30:00"):  # twice, and never
-        assert "where clocks change" in refusal(told, tmp_path / "a.csv", recorded_at=when, time_zone="Europe/Berlin")
-
-
 def test_a_date_that_may_be_in_two_months_is_not_guessed(tmp_path):
     for day, known in ((4, False), (14, True)):
         rows = "".join(f"03/{day:02d}/2024 12:00:00.{k:03d},{k}\n" for k in range(900))

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import hums
-from hums.readers import read_file
 from hums.records.fields import RecordError, RecordWarning
 
 COUNT, STEP_S = 500, 1 / 1024
@@ -97,11 +96,3 @@ def test_packets_of_which_only_the_first_has_a_header(tmp_path):
     later = [f"{(COUNT + k) * STEP_S:.9f}\t{value}\t0\t" for k, value in enumerate(WAVES["DE"])]
     path = write(tmp_path / "a.lvm", [*segment(), *later])
     assert_array_equal(hums.convert(path, channels=["DE"], **NONE).DE, np.tile(WAVES["DE"], 2))
-
-
-def test_a_channel_that_is_shorter_and_one_in_a_later_segment(tmp_path):
-    path = write(
-        tmp_path / "a.lvm", segment(waves={**WAVES, "tacho": WAVES["tacho"][:30]}), segment(waves={"oil": [55.0]})
-    )
-    fields = read_file(path).fields
-    assert {name: values.size for name, values in fields.items()} == {"DE": COUNT, "tacho": 30, "oil": 1}

@@ -149,16 +149,6 @@ def test_times_without_a_unit_state_no_rate(tmp_path):
     assert sampling(convert(path, channels=["vib"], rate_hz=8000, **DECLARED), "vib").rate_hz == 8000
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("s", 1), ("ms", 1e3), ("us", 1e6)])
-def test_a_declared_unit_of_times(tmp_path, unit, factor):
-    path = csv(tmp_path, factor * np.arange(2000) / 8000, "time,vib")
-    for rate in ({}, {"rate_hz": 8000}):  # found, or held against what is declared
-        record = convert(path, channels=["vib"], time_unit=unit, **rate, **DECLARED)
-        assert sampling(record, "vib").rate_hz == 8000
-    with pytest.raises(RecordError, match="contradicts"):
-        convert(path, channels=["vib"], time_unit="s" if unit != "s" else "ms", rate_hz=8000, **DECLARED)
-
-
 ANGLE = {"shaft": "input", "shaft_rpm": 600}
 
 
@@ -187,12 +177,6 @@ def test_a_name_with_slashes_and_times_in_another_struct(tmp_path):
     savemat(tmp_path / "log.mat", {"X": {"Data": np.arange(2000) / 8000}, "Y": {"Data": np.ones(2000)}})
     declared = {"units": "g", "time_column": "X.Data", "time_unit": "s"} | ANGLE
     assert convert(tmp_path / "log.mat", channels=["Y.Data"], **declared).attrs["rate_hz"] == 8000
-
-
-@pytest.mark.parametrize("title", ["Case (V)", "Case (A)", "Case (1)", "Case [left]"])  # vertical, axial, a number
-def test_a_header_without_units(tmp_path, title):
-    path = csv(tmp_path, np.arange(2000) / 8000, f"time (s),{title}")
-    assert convert(path, channels=[title], units="g", **ANGLE)[title].attrs["units"] == "g"
 
 
 def test_columns_of_times_with_two_rates_are_refused(tmp_path):

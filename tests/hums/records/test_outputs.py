@@ -10,18 +10,15 @@ import pytest
 from gearboxes import SHORT_SCENE
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
-from hums.analysis.result import open_analysis, save_analysis
+from hums.analysis.result import save_analysis
 from hums.conversion import convert_files, find_sources
-from hums.drawing import write_drawing
 from hums.fleet.fleet_analysis import analyze_fleet
 from hums.gearbox.model import load_gearbox
 from hums.jobs import Serial
-from hums.plots import save_figure
 from hums.records.fields import RecordError
 from hums.records.outputs import check_outputs
 from hums.records.record import NominalSpeed, make_record
-from hums.records.store import open_record, save_record
-from hums.report import write_report
+from hums.records.store import save_record
 
 READ, FOREIGN = "inputs are never overwritten", "was not written by hums"
 
@@ -63,10 +60,6 @@ def refused(run, tmp_path):
     return command
 
 
-def convert_words(*paths):
-    return ("convert", *paths, "--channel", "vib", "--units", "g", "--rate-hz", 4000, "--no-tachometer")
-
-
 @pytest.mark.parametrize("link", [os.symlink, os.link])
 def test_other_names_of_an_input_are_not_written(link, raw, tmp_path):
     link(raw, tmp_path / "other.h5")
@@ -88,10 +81,6 @@ def test_what_cannot_be_told_is_not_replaced(content, tmp_path):
     for name, force in (("there.h5", False), ("link.h5", True)):
         with pytest.raises(RecordError, match=FOREIGN):
             check_outputs([tmp_path / name], force=force)
-
-
-def test_convert_does_not_replace_its_source(refused, raw):
-    refused(*convert_words(raw, raw), because=READ)
 
 
 def test_convert_writes_no_folder_that_it_reads(raw, tmp_path):
@@ -192,21 +181,6 @@ def test_a_command_replaces_only_what_it_wrote_file_by_file(run, refused, made, 
     assert run(*words.split(), "--force")[0] == 0
     assert run(*words.split())[0] == 0  # which it wrote itself
     assert not [path for path in written if path.read_bytes() == b"the user's own"]
-
-
-@pytest.mark.parametrize("write", [
-    lambda made, path: save_record(open_record(made / "record.h5"), path),
-    lambda made, path: save_analysis(open_analysis(made / "analysis.h5"), path),
-    lambda made, path: write_report(open_analysis(made / "analysis.h5"), path.parent),
-    lambda _, path: write_drawing(load_gearbox("two-stage"), path.with_suffix(".html")),
-    lambda _, path: save_figure(lambda ax: ax.plot([0, 1]), path.with_suffix(".svg")),
-])  # fmt: skip
-def test_a_function_replaces_only_its_own_files(write, made, tmp_path):
-    for suffix in (".h5", ".html", ".svg"):
-        (tmp_path / f"analysis{suffix}").write_text("the user's own")
-    with pytest.raises(RecordError, match=FOREIGN):
-        write(made, tmp_path / "analysis.h5")
-    assert {path.read_text() for path in tmp_path.iterdir()} == {"the user's own"}
 
 
 def test_what_is_read_is_not_written_by_force(refused, raw, tmp_path):

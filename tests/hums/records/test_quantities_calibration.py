@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import hums
-from hums.records.channels import sampling
 from hums.records.fields import RecordError
 from hums.records.record import Channel, NominalSpeed, make_record
 from hums.records.store import open_record, save_record
@@ -50,20 +49,6 @@ def test_what_was_applied_is_noted(record):
     }
 
 
-def test_a_delay_moves_the_clock_and_no_sample(record):
-    found = hums.calibrated(record)
-    assert sampling(found, "rear").start_s == pytest.approx(0.498, abs=1e-15)
-    assert sampling(found, "rear").rate_hz == RATE_HZ
-    assert sampling(found, "front").start_s == 0.5
-    assert_allclose(found["rear"].time_rear[:3], [0.498, 0.499, 0.5], atol=1e-15)
-
-
-def test_a_delay_of_a_channel_at_its_own_rate():
-    slow = Channel(values=VOLTS[:100], units="g", rate_hz=200.0, delay_s=0.01)
-    found = hums.calibrated(build(a=Channel(values=VOLTS, units="g"), b=slow))
-    assert (sampling(found, "b").start_s, sampling(found, "b").rate_hz) == (pytest.approx(0.49), 200.0)
-
-
 def test_a_tone_that_came_late_is_on_the_clock_again():
     times_s = np.arange(500) / RATE_HZ
     late = np.sin(2 * np.pi * 30 * (times_s - 0.0037))
@@ -82,12 +67,6 @@ def test_twice_is_refused(record, tmp_path):
         assert opened.load().identical(found)
         with pytest.raises(RecordError, match="is already calibrated"):
             hums.calibrated(opened)
-
-
-def test_a_slice_keeps_its_clock(record):
-    found = hums.calibrated(record.isel(time=slice(100, 200)))
-    assert sampling(found, "rear").start_s == pytest.approx(0.598)
-    assert_allclose(found["front"], VOLTS[100:200] / 0.1 * 1.02, rtol=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -98,14 +98,6 @@ def test_a_waveform_becomes_pulses_and_is_kept(own_rate_hz):
     assert tachometers(record) == ["tachometer"]
 
 
-def test_several_tachometers():
-    slow = PulseTimes(times_s=[0.2, 1.2], shaft="output", pulses_per_rev=1, name="keyphasor")
-    record = build(angle=[PULSES, slow])
-    assert tachometers(record) == ["tachometer", "keyphasor"]
-    assert record["keyphasor"].dims == ("pulse_keyphasor",)
-    assert record["keyphasor"].attrs["shaft"] == "output"
-
-
 @pytest.mark.parametrize(
     ("given", "kept"),
     [("f4", "f4"), (">f8", "f8"), ("u1", "f8"), ("f2", "f8")],
@@ -175,21 +167,6 @@ def test_the_length_is_exact_at_any_rate(rate_hz, count, start_s, part):
         assert back["time"].to_numpy().shape == back["case"].shape == (count - skipped,)
         assert sampling(back, "case").rate_hz == rate_hz
         assert sampling(back, "case").start_s == pytest.approx(start_s + skipped / rate_hz, rel=1e-14)
-
-
-def test_a_slice_between_two_pulses_still_knows_the_angle():
-    check_record(build().isel(time=slice(60, 70)))
-
-
-def test_detaching_keeps_where_a_slice_starts():
-    fast = Channel(values=np.zeros(4000), units="g", rate_hz=2000)
-    piece = build({"case": NOISE, "fast": fast}).isel(time=slice(300, None), time_fast=slice(40, None))
-    bare = detach_time(piece)
-    assert not bare.coords
-    assert bare.attrs["start_s"] == pytest.approx(0.3)
-    assert bare["fast"].attrs["start_s"] == pytest.approx(0.02)
-    assert attach_time(bare).drop_attrs().equals(piece.drop_attrs())
-    assert piece.attrs["start_s"] == 0.0
 
 
 def test_a_channel_at_its_own_rate():
@@ -356,11 +333,6 @@ def test_what_is_no_record(spoil, sentence):
 
 def stored_axis(record, times_s):
     return record.drop_vars("time").assign_coords(time=times_s)
-
-
-def test_an_axis_of_numbers_becomes_a_range():
-    plain = stored_axis(build(angle=NOMINAL), 7 + np.arange(2000) / RATE_HZ)
-    assert sampling(attach_time(plain), "case").start_s == 7.0
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hums.records.fields import RecordError
 from hums.records.quantities import Measured
 from hums.records.record import NominalSpeed, PulseTimes, make_record
 from hums.records.snapshots import join_snapshots, snapshot_record, snapshots_of
-from hums.records.store import open_record, save_record, write_shard
+from hums.records.store import write_shard
 from hums.records.validation import check_record
 
 RATE_HZ, COUNT = 2000.0, 400
@@ -35,13 +35,6 @@ def test_what_is_joined_comes_out_again(parts):
     assert dict(joined.h.sizes) == {"snapshot": 3, "time": COUNT}
     assert joined.snapshot_s.values.tolist() == [0, 10, 30]  # over midnight, and unevenly
     assert all(one.identical(part) for one, part in zip(snapshots_of(joined), parts, strict=True))
-
-
-def test_a_file_keeps_it(parts, tmp_path):
-    joined = join_snapshots(parts)
-    save_record(joined, tmp_path / "run.h5")
-    with open_record(tmp_path / "run.h5") as opened:
-        assert opened.load().identical(joined)
 
 
 def test_a_dataset_keeps_it(parts, tmp_path):

@@ -13,8 +13,6 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from xarray.indexes import RangeIndex
 
 from hums.records.channels import channel_values, sampling
@@ -23,7 +21,7 @@ from hums.records.outputs import atomic_write
 from hums.records.quantities import AngularAverage
 from hums.records.record import Channel, NominalSpeed, PulseTimes, TachometerWaveform, UnknownAngle, make_record
 from hums.records.snapshots import join_snapshots
-from hums.records.store import existing_file, is_hdf5, open_hdf5, open_record, open_tree, save_record, write_tree
+from hums.records.store import existing_file, is_hdf5, open_hdf5, open_record, open_tree, save_record
 
 COUNT = 150_000  # more than one chunk
 NOISE = np.random.default_rng(11).normal(size=COUNT)
@@ -157,28 +155,6 @@ def test_a_slice_is_written_with_its_own_clock(record, tmp_path):
     assert piece.attrs["start_s"] == 0.5e-3
 
 
-def test_a_record_replaces_the_file_it_is_read_from(path):
-    with open_record(path) as opened:
-        save_record(opened.isel(time=slice(100, 1100)), path)
-    with open_record(path) as opened:
-        np.testing.assert_array_equal(opened["case"], NOISE[100:1100])
-
-
-@settings(max_examples=50)
-@given(
-    text=st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=50),
-    number=st.floats(allow_nan=False) | st.integers(-(2**63), 2**63 - 1),
-    row=st.lists(st.floats(allow_nan=False), min_size=2, max_size=5),
-)
-def test_attributes_come_back(tmp_path_factory, text, number, row):
-    path = tmp_path_factory.mktemp("attributes") / "tree.h5"
-    write_tree(xr.DataTree(xr.Dataset(attrs={"text": text, "number": number, "row": row})), path)
-    with open_tree(path) as tree:
-        assert tree.attrs["text"] == text
-        assert tree.attrs["number"] == number
-        assert list(tree.attrs["row"]) == row
-
-
 def test_attributes_that_netcdf_lacks(tmp_path):
     attrs = {
         "long": "é" * 200_000,
@@ -255,51 +231,6 @@ def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path):
     for limit in limits:
         with open_record(tmp_path / limit / "record.h5") as opened:
             assert opened["a"].to_numpy().tolist() == [1.0] * 10
-
-
-KILLED = """
-import itertools, os, signal, sys, time
-import numpy as np
-from hums.records.record import NominalSpeed, make_record
-from hums.records.store import save_record
-
-def write(told):
-    for run in itertools.count(1):
-        values = np.full(300_000, float(run))
-        angle = NominalSpeed(rpm=run, shaft="input")
-        save_record(make_record({"a": values}, rate_hz=1000, units="g", angle=angle, attrs={"run": run}), "record.h5")
-        os.write(told, f"{run}\\n".encode())
-
-for wait_s in sys.argv[1:]:
-    os.mkdir(wait_s)
-    there, told = os.pipe()
-    if not (child := os.fork()):
-        os.chdir(wait_s)
-        write(told)
-    os.close(told)
-    with open(there) as lines:
-        first = lines.readline()
-        time.sleep(float(wait_s))
-        os.kill(child, signal.SIGKILL)
-        print(wait_s, os.waitpid(child, 0)[1], *(first + lines.read()).split(), flush=True)
-"""
-
-
-@pytest.mark.skipif(os.name != "posix", reason="kills a process the way of POSIX")
-def test_a_killed_program_leaves_a_whole_file(tmp_path):
-    waits = np.random.default_rng(5).uniform(0, 0.1, size=3).astype(str).tolist()
-    words = [sys.executable, "-c", KILLED, *waits]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=300)
-    told = [line.split() for line in done.stdout.splitlines()]
-    assert [(wait, status) for wait, status, *_ in told] == [(wait, "9") for wait in waits]
-    for wait, _, *finished in told:
-        path = tmp_path / wait / "record.h5"
-        with open_record(path) as opened:
-            run = int(opened.attrs["run"])
-            # the next may have come into place and not been told
-            assert run in (int(finished[-1]), int(finished[-1]) + 1)
-            np.testing.assert_array_equal(opened["a"], np.full(300_000, float(run)))
-            save_record(opened, path)  # what the killed program left behind is in nobody's way
 
 
 def test_a_link_goes_on_pointing(record, path, tmp_path):
@@ -440,15 +371,6 @@ def test_a_turned_bit_anywhere_never_gives_other_samples(record, tmp_path):
             refused += 1
     samples = sum(piece[name].nbytes for name in ("case", "single", "fast"))
     assert refused > 0.8 * 20 * samples / len(whole)
-
-
-def test_a_turned_bit_among_the_pulses_is_found(path):
-    with h5py.File(path) as file:
-        place = file["tachometer"].id.get_chunk_info(0).byte_offset
-    spoiled = bytearray(path.read_bytes())
-    spoiled[place + 3] ^= 0x10
-    path.write_bytes(spoiled)
-    assert "is damaged or truncated" in refusal(open_record, path)
 
 
 def test_a_file_that_another_program_writes(path):

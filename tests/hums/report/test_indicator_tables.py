@@ -40,11 +40,6 @@ def test_what_another_fault_raises_is_said():
     assert "on the same shaft" in shaft
 
 
-def test_a_table_fits_on_a_sheet():
-    tables = indicator_tables([row(f"stage 1/gear {k}", 3.0) for k in range(14)])
-    assert [len(table["head"]) for table in tables] == [7, 7, 3]
-
-
 @pytest.mark.parametrize(("value", "zone"), [(1.0, "A"), (1.8, "A"), (3.0, "B"), (7.0, "C"), (20.0, "D")])
 def test_zones_of_declared_limits(value, zone):
     velocity = [row("record", value, indicator="velocity_rms", kind="channel")]

@@ -4,7 +4,6 @@ import shutil
 
 import pytest
 
-from hums.pages.page import stand_alone_page
 from hums.report import pdf
 
 
@@ -19,13 +18,3 @@ def test_a_browser_that_fails_leaves_nothing(monkeypatch, tmp_path):
     with pytest.raises(ValueError, match="did not print"):
         pdf.write_pdf(tmp_path / "report.html")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_page_is_printed(tmp_path):
-    if not shutil.which("chromium"):
-        pytest.skip("needs chromium (Debian: apt-get install chromium)")
-    page = tmp_path / "report.html"
-    page.write_text(stand_alone_page(title="P", body="<h1>on paper</h1>"), encoding="utf-8")
-    from pypdf import PdfReader  # noqa: PLC0415
-
-    assert "on paper" in PdfReader(pdf.write_pdf(page)).pages[0].extract_text()

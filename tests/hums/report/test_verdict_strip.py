@@ -2,7 +2,7 @@
 
 import pytest
 
-from hums.report.verdict_strip import answer, component_styles, verdict_rows, with_hz
+from hums.report.verdict_strip import answer, verdict_rows, with_hz
 
 LINE = {
     "component": "bearing",
@@ -44,12 +44,6 @@ def facts(*findings, lines=(LINE,), recorded_at="2026-01-02", status="ok"):
         "recorded_at": recorded_at,
         "settings": {"false_alarm_probability": 0.01},
     }
-
-
-def test_gravest_first():
-    rows = verdict_rows(facts(finding("indicated"), finding("diagnosed")))
-    assert [row["style"] for row in rows] == ["alarm", "watch"]
-    assert component_styles(facts(finding("indicated"), finding("diagnosed"))) == {"bearing": "alarm"}
 
 
 def test_the_probability_of_a_finding_is_said():

@@ -19,19 +19,6 @@ def over_angle(function, *, revolutions, per_rev=PER_REV):
 
 
 class TestAverage:
-    def test_whole_orders_stay(self):
-        amplitudes = {1: 2 - 1j, 27: 0.3j, 90: -0.04 + 0.03j}
-        signal = over_angle(
-            lambda angle: 0.7 + sum((z * np.exp(1j * k * angle)).real for k, z in amplitudes.items()), revolutions=40
-        )
-        average = synchronous_average(signal)
-        expected = np.zeros(PER_REV // 2 + 1, dtype=complex)
-        expected[[0, *amplitudes]] = [0.7, *amplitudes.values()]
-        # every revolution is the same but for the rounding of angles up to 250 rad times 90
-        np.testing.assert_allclose(average.complex_amplitude, expected, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(average.standard_error, 0, atol=1e-12)
-        assert average.revolutions == 40
-
     @pytest.mark.parametrize("per_rev", [8, 9])
     def test_every_order_up_to_half_the_grid_reads_its_amplitude(self, per_rev):
         highest = per_rev // 2

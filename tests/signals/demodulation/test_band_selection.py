@@ -105,12 +105,9 @@ class TestHardCases:
         ("changes", "words"),
         [
             ({"x": np.full(5000, 3.0)}, "the signal is constant"),
-            ({"x": np.where(np.arange(5000) == 41, np.nan, 1.0)}, "index 41"),
             ({"x": NOISE[:500]}, "at least 640"),
             ({"measure": "kurtsis"}, "Did you mean 'kurtosis'"),
             ({"modulation_hz": 20_000.0}, "modulation_hz=20000 is wider than every band"),
-            ({"modulation_hz": 0}, "modulation_hz=0 must be above zero"),
-            ({"rate_hz": 0}, "rate_hz"),
         ],
     )
     def test_refusals(self, changes, words):
@@ -170,9 +167,3 @@ def test_turbine_finds_the_band_that_was_published(real_data):
     assert band.low_hz < 9000
     assert 11_000 < band.high_hz < 13_000
     assert not band.doubts
-
-
-def test_turbine_six_weeks_earlier_is_in_doubt(real_data):
-    x = loadmat(real_data / "wt_hss_bearing" / "data-20130311T030024Z.mat")["vibration"].ravel()
-    band = choose_band(x, rate_hz=97_656, modulation_hz=1200)
-    assert [doubt.split(":")[0] for doubt in band.doubts] == ["This may be stationary noise"]

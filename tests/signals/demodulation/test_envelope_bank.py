@@ -1,7 +1,5 @@
 """A bank of envelopes is the envelope of each band; a level divided out leaves what repeats faster."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -37,23 +35,13 @@ def test_the_slow_part_is_the_envelope_without_its_fast_lines():
         assert_allclose(values, exact, rtol=0, atol=1e-6 * exact.max())
 
 
-def test_the_slow_part_of_a_modulated_tone_is_exact():
-    t = np.arange(20_000) / 1000
-    swing = 1 + 0.3 * np.cos(2 * np.pi * 5 * t)
-    x = swing * np.cos(2 * np.pi * 200 * t)
-    ((rate_hz, values),) = bank_envelopes(x, rate_hz=1000, bands_hz=[(150, 250)], highest_hz=20.0)
-    assert_allclose(values, 1 + 0.3 * np.cos(2 * np.pi * 5 * np.arange(values.size) / rate_hz), rtol=0, atol=1e-6)
-
-
 def test_bands_nest_and_cover_the_range():
-    bands = bank_bands(rate_hz=1000, least_width_hz=50)
-    widths = sorted({round(high - low, 6) for low, high in bands})
-    assert widths == [60.0, 120.0, 240.0]
-    for width in widths:
-        same = sorted(band for band in bands if abs(band[1] - band[0] - width) < 1e-6)
-        assert same[0][0] == pytest.approx(10)
-        assert same[-1][1] == pytest.approx(490)
-        assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(same))
+    bands = np.array(bank_bands(rate_hz=1000, least_width_hz=50))
+    widths = np.diff(bands).ravel()
+    for width in (60.0, 120.0, 240.0):
+        same = bands[np.isclose(widths, width)]
+        assert_allclose([*same[:, 0], 490], np.arange(10, 491, width))
+    assert same.size == 4
 
 
 def test_a_band_that_falls_is_refused():
@@ -96,10 +84,3 @@ def test_resonances_and_gentle_filters_end_no_signal():
         np.fft.rfft(noise) / (1 + (np.fft.rfftfreq(2**17, 1 / 50_000) / 3000) ** 2)
     )  # 12 dB per octave
     assert [passband_end_hz(x, rate_hz=50_000) for x in (noise, mode, gentle)] == [25_000.0] * 3
-
-
-@pytest.mark.parametrize(("cut_hz", "end_hz"), [(15_000.0, 15_000.0), (23_500.0, 25_000.0)])
-def test_only_a_filter_well_below_half_the_rate_ends_a_signal(cut_hz, end_hz):
-    lines = np.fft.rfft(RNG.standard_normal(2**17))
-    lines[np.fft.rfftfreq(2**17, 1 / 50_000) > cut_hz] *= 1e-6
-    assert passband_end_hz(np.fft.irfft(lines), rate_hz=50_000) == pytest.approx(end_hz, abs=50)

@@ -5,11 +5,7 @@ import pytest
 from scipy.fft import next_fast_len
 from scipy.signal import ShortTimeFFT, hilbert
 
-from signals.demodulation.kurtogram import (
-    _TAPS,
-    fast_kurtogram,
-    spectral_kurtosis,
-)
+from signals.demodulation.kurtogram import fast_kurtogram, spectral_kurtosis
 
 RATE_HZ = 20_000.0
 COUNT = 200_000
@@ -39,7 +35,7 @@ class TestTree:
         x = resonance(7000, 300, every=900) + 0.1 * NOISE + tone / 10 * np.sin(2 * np.pi * 1234.5 * TIMES)
         gram = fast_kurtogram(x, rate_hz=RATE_HZ, levels=7)
         c = hilbert(x - x.mean(), next_fast_len(x.size))[: x.size]
-        count = np.arange(_TAPS[factor]) - (_TAPS[factor] - 1) / 2
+        count = np.arange(24 * factor) - (24 * factor - 1) / 2
         taps = np.sinc(0.6 / factor * count) * np.kaiser(count.size, 8.0)
         kurtoses = []
         for b in range(factor):
@@ -164,9 +160,7 @@ class TestHardCases:
         [
             (np.full(5000, 0.1), r"the signal is constant \(0\.1\)"),
             (np.full(5000, 1e9 + 0.1), "the signal is constant"),
-            (np.zeros(5000), "the signal is constant"),
             (np.where(np.arange(5000) == 41, np.nan, 1.0), "index 41"),
-            (np.ones((50, 100)), "real array"),
         ],
     )
     def test_refused(self, make, x, words):

@@ -18,11 +18,6 @@ def autoregressive(rng, samples):
     return sp.lfilter([1], [1, *-TWO_POLES], rng.standard_normal(samples + 500))[500:]
 
 
-def kurtosis(values):
-    values = values - values.mean()
-    return np.mean(values**4) / np.mean(values**2) ** 2
-
-
 def separations(x):
     return [
         linear_prediction(x, order=8),
@@ -64,26 +59,6 @@ class TestLinearPrediction:
         np.testing.assert_allclose(found.deterministic[:6], backwards, rtol=0, atol=1e-9)
         assert (found.start, found.order) == (0, 6)
 
-    def test_impulses_that_ringing_hides_come_out(self):
-        rng = np.random.default_rng(5)
-        impulses = rng.standard_normal(40_000)
-        impulses[::400] += 12
-        x = sp.lfilter([1], [1, *-TWO_POLES], impulses)
-        found = linear_prediction(x, order=10)
-        # 12^4 / 400 on 3, over the square of 1 + 144 / 400
-        expected = (3 + (12**4 + 6 * 144) / 400) / (1 + 144 / 400) ** 2
-        assert kurtosis(found.random) == pytest.approx(expected, rel=0.1)
-        assert kurtosis(x) < expected / 4
-
-    def test_a_sinusoid_is_foretold_and_noise_is_not(self):
-        rng = np.random.default_rng(6)
-        tone = np.cos(0.2 * np.pi * np.arange(50_000))
-        noise = 0.2 * rng.standard_normal(50_000)
-        found = linear_prediction(tone + noise, order=400)
-        # the best predictor of order p leaves 1 / (1 + p A^2 / 4 sigma^2) of the tone and adds noise of 2 sigma^2 / p
-        assert np.sqrt(np.mean((found.deterministic - tone) ** 2)) < 2 * 0.2 * np.sqrt(2 / 400 + 400 / 50_000)
-        assert found.random.std() == pytest.approx(0.2, rel=0.02)
-
 
 class TestOrders:
     def test_agrees_with_each_order_solved_alone(self):
@@ -97,12 +72,6 @@ class TestOrders:
             assert found.variance[order] == pytest.approx(alone, rel=1e-9)
         np.testing.assert_allclose(found.aic, 3000 * np.log(found.variance) + 2 * np.arange(13))
         assert found.order == np.argmin(found.aic)
-
-    def test_finds_the_order_of_a_process(self):
-        # Akaike's criterion takes too many in a quarter of all cases, never too few
-        chosen = [prediction_orders(autoregressive(np.random.default_rng(k), 5000), most=20).order for k in range(20)]
-        assert min(chosen) == 2
-        assert np.median(chosen) == 2
 
 
 class TestDiscreteRandom:
@@ -129,18 +98,6 @@ class TestDiscreteRandom:
         assert np.std(found.deterministic - tone[middle]) < bound
         assert np.std(found.random - noise[middle]) < bound
 
-    def test_ringing_impulses_stay_random(self):
-        rng = np.random.default_rng(9)
-        impulses = np.zeros(self.SAMPLES)
-        impulses[np.cumsum(rng.normal(300, 15, 190)).astype(int)] = 10  # slip of 5 %
-        ringing = sp.lfilter([1], [1, -1.2, 0.9], impulses)
-        gears = sum(3 * np.cos(2 * np.pi * f * self.TIME + k) for k, f in enumerate([0.02, 0.0613, 0.1247]))
-        found = discrete_random_separation(gears + ringing, window_length=1024, delay=1024)
-        middle = slice(found.start, found.start + found.random.size)
-        assert kurtosis(gears + ringing) < 4
-        assert kurtosis(found.random) > 0.8 * kurtosis(ringing)
-        assert np.std(found.deterministic - gears[middle]) < 0.15 * gears.std()
-
     def test_a_record_that_swells_is_not_amplified(self):
         x = np.cos(0.4 * np.arange(4000)) * np.exp(np.arange(4000) / 400)
         found = discrete_random_separation(x, window_length=128, delay=128)
@@ -159,15 +116,6 @@ class TestCepstrumPrewhitening:
         np.testing.assert_allclose(np.angle(after[1:] / before), 0, rtol=0, atol=1e-9)
         assert found.level == pytest.approx(np.exp(np.mean(np.log(np.abs(before)))), rel=1e-12)
         assert found.silent_lines == 0
-
-    def test_impulses_under_strong_gears_come_out(self):
-        rng = np.random.default_rng(13)
-        size = 20_000
-        impulses = 0.1 * rng.standard_normal(size)
-        impulses[np.cumsum(rng.normal(500, 10, 38)).astype(int)] += 5
-        x = impulses + sum(10 * np.cos(2 * np.pi * f * np.arange(size)) for f in (0.02, 0.07, 0.2))
-        assert kurtosis(x) < 3
-        assert kurtosis(cepstrum_prewhitening(x).random) > 0.5 * kurtosis(impulses)
 
     def test_rounding_is_not_raised_to_a_line(self):
         x = np.cos(2 * np.pi * 8 * np.arange(64) / 64) + 2 * np.cos(2 * np.pi * 20 * np.arange(64) / 64 + 1)

@@ -76,12 +76,6 @@ def test_filter_gain_is_that_of_the_steady_kalman_filter(poles, width):
 
 
 @pytest.mark.parametrize("poles", POLES)
-def test_smoother_gain_has_its_width(poles):
-    bandwidth = Bandwidth(width=0.03, poles=poles)
-    assert_allclose(bandwidth.smoother_gain([0.0, 0.015, -0.015]), [1, np.sqrt(0.5), np.sqrt(0.5)], rtol=1e-12)
-
-
-@pytest.mark.parametrize("poles", POLES)
 @pytest.mark.parametrize("width", [0.01, 0.1, 0.6])
 def test_filter_std_solves_the_riccati_equation(poles, width):
     predicted = steady_filter(width, poles)[2][0, 0]
@@ -100,20 +94,6 @@ def test_smoother_std_is_that_of_a_dense_problem(poles):
     # The ends, 24 bandwidths away, are forgotten at exp(-2 pi 24 sin(pi / 8)) or faster; rounding: condition 4^p N / q.
     expected = np.sqrt(covariance[samples // 2, samples // 2])
     assert_allclose(std, [expected, expected * np.sqrt(2)], rtol=1e-8)
-
-
-@pytest.mark.parametrize(("estimator", "share"), [("smoother", 0.5), ("filter", 1.0)])
-def test_std_of_a_narrow_single_pole_is_the_continuous_limit(estimator, share):
-    # The continuous Riccati equation gives the filter sqrt(N q) = N a; past and future together have half of that.
-    corner = np.pi * 1e-6 / np.sqrt(np.sqrt(2) - 1)
-    std = isolated_std(orders=[1], bandwidth=1e-6, rate=1.0, poles=1, noise_variance=1.0, estimator=estimator)
-    assert_allclose(std**2, share * 2 * corner, rtol=1e-5)  # discrete: relative a / 2
-
-
-def test_units_of_rate_do_not_matter():
-    settings = {"orders": [1, 0], "poles": 2, "noise_variance": 2.0}
-    hz = isolated_std(bandwidth=[5.0, 7.0], rate=1000.0, **settings)
-    assert_allclose(hz, isolated_std(bandwidth=[0.005, 0.007], rate=1.0, **settings), rtol=1e-12)
 
 
 @given(width=st.floats(1e-6, 1.0), poles=st.integers(1, 4))

@@ -1,125 +1,13 @@
 """The most likely bandwidth: the density itself, and what it finds in records whose bandwidth is known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.bandwidth_selection import ChainLikelihood, likely_bandwidth
-from signals.harmonics.block_grid import Grid
-from signals.harmonics.coupling import chain_alone, chain_together
-from signals.harmonics.state_space import HarmonicModel
+from signals.harmonics.bandwidth_selection import likely_bandwidth
 
 POLES = [1, 2, 3, 4]
-
-
-def extended_log_density(x, covariance):
-    """Log density of a normal vector by elimination in extended precision: its prior is a million times its noise."""
-    x, covariance = x.astype(np.longdouble), covariance.astype(np.longdouble)
-    total = np.longdouble(0)
-    for k in range(x.size):
-        pivot = covariance[k, k]
-        total -= (np.log(2 * np.longdouble(np.pi) * pivot) + x[k] ** 2 / pivot) / 2
-        gain = covariance[k + 1 :, k] / pivot
-        x[k + 1 :] -= gain * x[k]
-        covariance[k + 1 :, k + 1 :] -= np.outer(gain, covariance[k, k + 1 :])
-    return float(total)
-
-
-def dense_log_density(x, model, block, bandwidth):
-    """The same chain written out: nodes as sums of their prior and of all increments, Newton's polynomial in between.
-
-    The value at the place u after a node is the sum of `s (s + 1) ... (s + j - 1) / j!` times the j-th backward
-    difference at the next node, with s = u - 1; with one pole, too, it goes straight from level to level.
-    """
-    blocks, poles = -(-x.size // block), model.poles
-    levels = model.regressors(slice(None)).T
-    q = process_variance(
-        orders=model.orders, bandwidth=bandwidth * block, rate=1.0, poles=poles, noise_variance=1 / block
-    )
-    prior = model.prior_variance(step=block)
-    s, node = np.arange(x.size) % block / block - 1, np.arange(x.size) // block
-    basis = np.cumprod([np.ones(x.size)] + [(s + j) / (j + 1) for j in range(poles - 1)], axis=0).T
-    move = np.triu(np.ones((poles, poles)))
-    covariance = np.eye(x.size, dtype=np.longdouble)
-    for column, order in enumerate(model.order_of_column):
-        states = np.zeros((blocks + 1, poles, poles + blocks), dtype=np.longdouble)
-        states[0, :, :poles] = np.diag(np.sqrt(prior[:, column]))
-        for k in range(blocks):
-            states[k + 1] = states[k]
-            states[k + 1, -1, poles + k] += np.sqrt(q[order])
-            states[k + 1] = move @ states[k + 1]
-        if poles == 1:
-            sources = -s[:, None] * states[node, 0] + (1 + s)[:, None] * states[node + 1, 0]
-        else:
-            sources = np.einsum("nj,njs->ns", basis, states[node + 1])
-        sources *= levels[:, column, None]
-        covariance += sources @ sources.T
-    seen = ~np.isnan(x)
-    return extended_log_density(x[seen], covariance[np.ix_(seen, seen)])
-
-
-def nodes(model, x, length):
-    """Return the grid of a chain, with straight lines between nodes for one pole too."""
-    two = replace(model, poles=max(2, model.poles))
-    return Grid(model=two, x=x[None], seen=~np.isnan(x), length=length, tolerance=1e-3)
-
-
-def together(grid):
-    every_order = np.arange(grid.model.orders.size)
-    return chain_together(grid, every_order, slice(0, grid.nodes), grid.at_nodes(grid.moments))
-
-
-@pytest.mark.parametrize("poles", POLES)
-def test_likelihood_is_the_normal_density_of_the_samples(poles):
-    rng = np.random.default_rng(poles)
-    n = np.arange(190)
-    phases = (2 * np.pi * 0.043 * n, 2 * np.pi * (0.11 * n + 2e-4 * n**2))
-    model = HarmonicModel(
-        orders=np.array([0.0, 1.0, 1.3]),
-        shaft=np.array([0, 0, 1]),
-        phases=phases,
-        bandwidth=np.full((3, 1), 0.01),
-        poles=poles,
-        prior_std=300.0,
-    )
-    x = 3 + 5 * np.cos(phases[0] + 0.3) + 2 * np.cos(1.3 * phases[1]) + rng.standard_normal(n.size)
-    x[60:75] = np.nan  # longer than a block
-    block = 12  # half a turn of the slow shaft
-    grid = nodes(model, x, block)
-    chain = ChainLikelihood(model=model, chain=together(grid), length=block)
-    tried = np.array([[1e-5, 1e-5, 1e-5], [1e-3, 4e-3, 2e-3], [1e-2, 1e-4, 6e-3], [1e-2, 1e-2, 1e-2]])
-    found = np.array([chain.log_likelihood(b)[0] for b in tried])
-    expected = np.array([dense_log_density(x, model, block, b) for b in tried])
-    # A constant is missing in one, whatever the bandwidth. Information may lose the square of the prior, 1e5, from
-    # 1e-16.
-    assert_allclose(np.diff(found), np.diff(expected), atol=1e-8 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("poles", POLES)
-def test_orders_alone_have_the_likelihood_of_all_columns(poles):
-    rng = np.random.default_rng(poles)
-    phase = 2 * np.pi * 0.21 * np.arange(6000)
-    model = HarmonicModel(
-        orders=np.ones(1), shaft=np.zeros(1, int), phases=(phase,), bandwidth=np.full((1, 1), 0.01), poles=poles,
-        prior_std=300.0,
-    )  # fmt: skip
-    x = 4 * np.cos(phase + np.sin(2 * np.pi * 1e-3 * np.arange(phase.size))) + rng.standard_normal(phase.size)
-    x[900:1400] = np.nan
-    block = 12
-    grid = nodes(model, x, block)
-    alone = chain_alone(grid, np.arange(1), grid.at_nodes(grid.moments), grid.at_nodes(grid.seen_counts))
-    tried = [1e-4, 1e-3, 3e-3, 1e-2]
-    one = ChainLikelihood(model=model, chain=alone, length=block)
-    own = np.array([one.log_likelihood(b).sum() for b in tried])
-    all_columns = np.array(
-        [ChainLikelihood(model=model, chain=together(grid), length=block).log_likelihood(b)[0] for b in tried]
-    )
-    # Twice its frequency turns five times in a block: what is left of it in products of columns is at most
-    # 1 / (5 pi) of them, of either sign from block to block.
-    assert_allclose(own - own.max(), all_columns - all_columns.max(), rtol=0.02, atol=0.3)
 
 
 def drawn(rng, *, orders, phase, bandwidth, poles, noise=0.25):
@@ -212,14 +100,6 @@ def record(poles=2, seed=0):
     return x, phase
 
 
-def test_angle_and_time_are_the_same_in_samples():
-    x, phase = record()
-    settings = {"phase_rad": phase, "orders": [1, 3], "poles": 2, "noise_variance": 0.25}
-    angle = likely_bandwidth(x, samples_per_rev=40, largest_bandwidth_orders=0.4, **settings)
-    time = likely_bandwidth(x, rate_hz=40 * 25.0, largest_bandwidth_hz=0.4 * 25, **settings)
-    assert_allclose(time, 25 * angle, rtol=1e-6)
-
-
 def test_orders_of_several_shafts():
     x, phase = record()
     settings = {"rate_hz": 1.0, "largest_bandwidth_hz": 0.01, "poles": 2, "noise_variance": 0.25}
@@ -250,14 +130,6 @@ def test_scaling_the_record_changes_nothing():
     one = likely_bandwidth(x, noise_variance=[0.25, 0.3], **settings)
     thousand = likely_bandwidth(1000 * x, noise_variance=[0.25e6, 0.3e6], **settings)
     assert_allclose(thousand, one, rtol=1e-6)
-
-
-def test_silence_has_the_smallest_bandwidth():
-    phase = 2 * np.pi * 0.021 * np.arange(2000)
-    found = likely_bandwidth(
-        np.zeros(2000), phase_rad=phase, orders=[1], rate_hz=1.0, largest_bandwidth_hz=0.01, noise_variance=1.0
-    )
-    assert_allclose(found, 0.1 / 2000)
 
 
 @pytest.mark.parametrize(

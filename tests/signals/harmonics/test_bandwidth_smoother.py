@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import process_variance, track_orders
-
-
-def test_narrow_single_pole_variance_is_the_continuous_limit():
-    # H = 1 / (1 + (w / a)^2) is 1 / sqrt(2) at w = a sqrt(sqrt(2) - 1), and a^2 = q / (2 R).
-    q = process_variance(orders=[1], bandwidth=1e-4, rate=1, poles=1, noise_variance=0.5)
-    # Steps instead of a continuous walk take (pi 1e-4)^2 / 12, or 8e-9, of it.
-    assert_allclose(q, (np.pi * 1e-4) ** 2 / (np.sqrt(2) - 1), rtol=2e-8)
+from signals.harmonics import track_orders
 
 
 def passed(offset, *, order, poles, bandwidth, method="exact"):
@@ -43,17 +36,6 @@ def test_smoother_is_3_db_down_at_half_the_bandwidth(poles, side, order, method)
     assert outer < 1 / np.sqrt(2) < inner
 
 
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-def test_smoother_response_is_the_formula(poles):
-    bandwidth = 0.01
-    corner = 2 * np.sin(np.pi * bandwidth / 2)
-    for offset in (0.2 * bandwidth, bandwidth):
-        ratio = (2 * np.sin(np.pi * offset) / corner) ** (2 * poles)
-        expected = 1 / (1 + (np.sqrt(2) - 1) * ratio)
-        # The formula averages over a turn; the order's image, 17 bandwidths away, still moves the gain a little.
-        assert_allclose(passed(offset, order=1, poles=poles, bandwidth=bandwidth), expected, atol=2e-3)
-
-
 def test_each_order_has_its_own_bandwidth():
     rng = np.random.default_rng(0)
     phase = 2 * np.pi * 0.05 * np.arange(4000)
@@ -65,13 +47,3 @@ def test_each_order_has_its_own_bandwidth():
         # Far apart they hardly notice each other.
         middle = slice(1000, 3000)
         assert_allclose(both.std[k, middle], alone.std[0, middle], rtol=1e-3)
-
-
-def test_bandwidth_in_orders_is_bandwidth_per_revolution():
-    rng = np.random.default_rng(0)
-    phase = 2 * np.pi * np.arange(2048) / 64
-    x = np.cos(3 * phase) + rng.standard_normal(2048)
-    angle = track_orders(x, phase_rad=phase, orders=[3], bandwidth_orders=0.2, samples_per_rev=64)
-    time = track_orders(x, phase_rad=phase, orders=[3], bandwidth_hz=0.2 * 25, rate_hz=64 * 25)
-    assert_allclose(angle.complex_amplitude, time.complex_amplitude, rtol=1e-12)
-    assert_allclose(angle.bandwidth, [0.2])

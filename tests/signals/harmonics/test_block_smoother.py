@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import block_smoother, track_orders
+from signals.harmonics import track_orders
 
 RATE = 1000.0
 
@@ -42,22 +42,6 @@ def test_the_noise_of_sixty_samples_is_found_beside_three_orders(poles, method):
     x = np.cos(orders[:, None] * phase).sum(axis=0) + np.random.default_rng(poles).standard_normal((80, 60))
     settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 20.0, "rate_hz": RATE, "poles": poles}
     assert np.mean(track_orders(x, **settings, method=method).noise_variance) == pytest.approx(1.0, abs=0.1)
-
-
-def test_blocks_of_the_exact_setting_get_shorter_until_amplitudes_that_move_lose_nothing():
-    """An envelope of 1e4 noises that swings within the band: seconds of blocks would take a hundred `std` off it."""
-    n = np.arange(6000)
-    phase = 0.2 * n
-    envelope = 1e4 * (1 + 0.5 * np.sin(2 * np.pi * 2e-4 * n))
-    x = envelope * np.cos(phase) + np.random.default_rng(0).standard_normal(n.size)
-    settings = {"phase_rad": phase, "orders": [1.0, 2.2], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
-    settings |= {"poles": 2, "method": "exact", "output_every": 50}
-    found = track_orders(x, **settings)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(block_smoother, "exact_length", lambda *_: 1)
-        single = track_orders(x, **settings)
-    off = np.abs(found.complex_amplitude - single.complex_amplitude) / single.std
-    assert np.sqrt(np.mean(off**2)) < 3e-3
 
 
 def eighteen(name):
@@ -103,17 +87,3 @@ def test_what_a_record_hardly_determines_is_finite_and_sure_of_little(name):
     tracks = track_orders(x, **settings, method="fast")
     assert np.all(np.isfinite(tracks.complex_amplitude))
     assert np.all(tracks.std > 0)
-
-
-def test_channels_that_miss_different_samples_have_the_std_of_each_alone():
-    """The blocks of a channel are the shorter, the more its amplitude moves over the noise."""
-    n = np.arange(20_000)
-    phase = 0.3 * n
-    moving = (1 + 0.5 * np.sin(2 * np.pi * 2e-4 * n)) * np.cos(phase)
-    x = np.stack([np.cos(phase), moving]) + 0.01 * np.random.default_rng(0).standard_normal((2, n.size))
-    x[0, 4000:5000] = x[1, 12_000:13_000] = np.nan
-    settings = {"phase_rad": phase, "orders": [1.0], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "method": "exact"}
-    both = track_orders(x, noise_variance=1e-4, output_every=20, **settings)
-    for channel, std in zip(x, both.std, strict=True):
-        alone = track_orders(channel, noise_variance=1e-4, output_every=20, **settings)
-        assert_allclose(std, alone.std, rtol=1e-3)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import isolated_std, process_variance, track_orders
+from signals.harmonics import process_variance, track_orders
 from signals.harmonics.stream import OrderTracker
 
 SAMPLES = 3000
@@ -147,21 +147,6 @@ def test_refused_blocks():
     tracker.update(x[100:110], phase_rad=phase[100:110])
 
 
-@pytest.mark.parametrize("highest", [0.4, 2.5])
-@pytest.mark.parametrize("side", [-1, 1])
-def test_between_blocks_the_highest_order_turns_by_half_a_turn_at_most(highest, side):
-    """As between samples: what turns by more than pi could as well have turned the other way."""
-    settings = COMMON | {"orders": [0, 0.1, highest, 0.3 * highest]}
-    for part in (0.99, 1.01):
-        tracker, jump = OrderTracker(**settings), side * part * np.pi / highest
-        tracker.update([1.0], phase_rad=[50.7])
-        if part < 1:
-            tracker.update([1.0], phase_rad=[50.7 + jump])
-        else:
-            with pytest.raises(ValueError, match=rf"jumps by {jump:.4g} rad .* order {highest:g} by more than pi"):
-                tracker.update([1.0], phase_rad=[50.7 + jump])
-
-
 @pytest.mark.parametrize(("fan", "sun", "refused"), [(0.99, 0.99, ""), (1.01, 0.99, "fan"), (0.99, 1.01, "sun")])
 def test_each_shaft_turns_between_blocks_as_far_as_its_own_highest_order_allows(fan, sun, refused):
     tracker = OrderTracker(**COMMON | {"orders": [("fan", 0.5), ("sun", 4), ("fan", 0.2), ("sun", 1)]})
@@ -212,35 +197,3 @@ def test_two_hundred_memories_do_not_drift():
     assert np.abs(error).max() < 5
     assert_allclose(tracks.innovation_mean_square, 1.0, rtol=2e-3)
     assert tracks.sample_index[-1] == blocks * block - 1000
-
-
-STEADY = {"bandwidth_hz": 0.004, "rate_hz": 1.0, "noise_variance": 1.0}
-
-
-@pytest.mark.parametrize("size", [1, 61, SAMPLES])
-def test_std_tells_orders_that_cannot_be_separated_yet(size):
-    x, phase = np.random.default_rng(0).standard_normal(SAMPLES), 0.3 * np.arange(SAMPLES)
-    std = joined(stream(OrderTracker(orders=[1, 1.0001, 3], **STEADY), x, phase, [size]), "std")
-    usual = isolated_std(orders=[3], bandwidth=0.004, rate=1.0, poles=1, noise_variance=1.0, estimator="filter")
-    # The first two are never a turn apart; the third is, from both, after ten samples.
-    assert np.all(std[:2] > 100 * usual)
-    assert np.all(std[2, :6] > 10 * usual)
-    assert_allclose(std[2, 100:], np.full(SAMPLES - 100, usual[0]), rtol=0.05)
-
-
-@pytest.mark.parametrize("size", [1, 61, SAMPLES])
-def test_std_grows_while_a_shaft_rests(size):
-    n = np.arange(SAMPLES)
-    phase = 2 * np.pi * 0.05 * np.where(n < 900, n, np.maximum(n - 600, 900))
-    x = np.random.default_rng(0).standard_normal(SAMPLES)
-    std = joined(stream(OrderTracker(orders=[0, 1], **STEADY), x, phase, [size]), "std")
-    usual = std[:, [899]]
-    # Within a quarter of 1 / bandwidth at rest, and until as long after it.
-    assert np.all(std[:, 962:1500] > 1.2 * usual)
-    assert_allclose(std[:, 1750:], np.repeat(usual, SAMPLES - 1750, axis=1), rtol=0.02)
-
-
-def test_a_single_sample_tells_one_quadrature_of_one_order():
-    tracks = OrderTracker(orders=[0, 1], **STEADY).update([1.0], phase_rad=[0.3])
-    assert np.all(tracks.std > 500)  # half of the variance of the prior, a million, at least
-    assert np.isnan(tracks.innovation_mean_square)

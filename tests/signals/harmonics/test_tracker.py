@@ -1,13 +1,10 @@
 """What a user may rely on: amplitudes, their uncertainty, gaps, the mean, noise, memory."""
 
-from dataclasses import fields
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import OrderTracks, track_orders
+from signals.harmonics import track_orders
 
 RNG_SEED = 20
 
@@ -48,15 +45,6 @@ def test_noise_and_innovations(method):
     # The filter is wider than the smoother: its prediction adds about pi / 2 * 1.5 bandwidths of noise.
 
 
-def test_orders_may_be_fractions_and_arrays():
-    x, phase = tone(500, order=2.5)
-    settings = {"phase_rad": phase, "bandwidth_hz": 0.01, "rate_hz": 1.0}
-    exact = track_orders(x, orders=[Fraction(5, 2)], **settings)
-    array = track_orders(x, orders=np.array([2.5]), **settings)
-    assert_array_equal(exact.complex_amplitude, array.complex_amplitude)
-    assert exact.shafts == ()
-
-
 def test_phase_may_run_backwards():
     x, phase = tone(500)
     settings = {"orders": [3], "bandwidth_hz": 0.01, "rate_hz": 1.0}
@@ -71,16 +59,3 @@ def test_silence_is_silence():
         tracks = track_orders(np.zeros(800), phase_rad=phase, orders=[3], bandwidth_hz=0.01, rate_hz=1.0, method=method)
         assert_array_equal(tracks.complex_amplitude, 0)
         assert tracks.noise_variance == pytest.approx(0, abs=1e-12)
-
-
-def test_fields_are_labelled():
-    x, phase = tone(900)
-    tracks = track_orders(x, phase_rad=phase, orders=[3, 1], bandwidth_hz=0.01, rate_hz=1.0, output_every=100)
-    sizes = {"order": 2, "output": 9, "settling": 901, "lag": 20, "interval": 8}
-    for field in fields(OrderTracks):
-        value = getattr(tracks, field.name)
-        if isinstance(value, np.ndarray):
-            assert value.shape == tuple(sizes[dim] for dim in field.metadata["dims"] if dim != "channel")
-            assert "units" in field.metadata
-    assert tracks.sample_index.tolist() == list(range(0, 900, 100))
-    assert (tracks.method, tracks.poles) == ("exact", 1)

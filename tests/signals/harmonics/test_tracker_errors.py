@@ -13,7 +13,6 @@ GOOD = {"x": X, "phase_rad": PHASE, "orders": [1], "bandwidth_hz": 0.02, "rate_h
 SHAFTS = {"sun": PHASE, "planet": 0.5 * PHASE}
 
 REFUSED = [
-    ({"x": []}, "x is empty; at least one value is needed"),
     ({"x": np.full(100, np.nan)}, "x has 0 observed samples of 100; to estimate the noise"),
     ({"x": np.where(np.arange(100) == 7, -np.inf, X)}, r"x\[7\]=-inf \(and 0 more\) is infinite.*mark bad samples"),
     (
@@ -22,11 +21,6 @@ REFUSED = [
     ),
     ({"x": 1e160 * X}, r"x reaches 1e\+160, whose square is lost .*; scale the record .* between 1e-120 and 1e\+120"),
     ({"x": np.where(np.arange(100) == 7, -1e130, X)}, r"x reaches 1e\+130, .* or mark bad samples as NaN"),
-    ({"x": [1e160 * X, np.full(100, np.nan)], "noise_variance": 1.0}, r"x\[0\] reaches 1e\+160"),
-    (
-        {"x": [X, 1e-160 * X]},
-        r"x\[1\] reaches 1e-160, whose square is lost",
-    ),
     ({"noise_variance": 1e-300}, "noise_variance=1e-300 must lie between 1e-250 and 1e.250; give it in another unit"),
     ({"noise_variance": 1.0, "initial_std": 1e200}, r"initial_std=1e\+200 is 1e\+200 standard deviations of the noise"),
     ({"noise_variance": 1e200, "initial_std": 1e-50}, "initial_std=1e-50 is 1e-150 standard deviations of the noise"),
@@ -53,9 +47,7 @@ REFUSED = [
         {"orders": [1, 11]},
         "order 11 turns by 3.3 rad between samples .* and .*; more than pi is above half of the rate",
     ),
-    ({"orders": [("planet", 22)], "phase_rad": SHAFTS}, "order 22 of 'planet' turns by 3.3 rad"),
     ({"bandwidth_hz": None}, "bandwidth and rate: rate_hz given; needed bandwidth_hz with rate_hz, or"),
-    ({"bandwidth_hz": None, "rate_hz": None}, "bandwidth and rate: none given; needed bandwidth_hz"),
     (
         {"rate_hz": None, "samples_per_rev": 64},
         "bandwidth_hz with samples_per_rev: a record over angle does not tell its speed",
@@ -73,14 +65,11 @@ REFUSED = [
         "bandwidth_hz is 0 cycles a sample at most for order number 0; it must reach",
     ),
     ({"rtol": 0.5}, "rtol=0.5 is above 0.1"),
-    ({"rate_hz": 0.0}, "rate_hz=0.0 must be above zero; give a positive number"),
     ({"poles": 5}, "poles=5 must be a whole number from 1 to 4"),
-    ({"output_every": 0}, "output_every=0 must be a whole number of at least 1"),
     (
         {"estimator": "smother"},
         "estimator='smother' is unknown; it must be one of smoother, filter. Did you mean 'smoother'",
     ),
-    ({"noise_variance": 0.0}, "noise_variance=0.0 must be above zero"),
     ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),
     ({"clip_limits": [1.0, -1.0]}, "clip_limits=.* must be two numbers, the smaller first"),
     ({"clip_limits": [-1.0, 1.0], "estimator": "filter"}, "only the smoother fits them"),
@@ -91,10 +80,6 @@ REFUSED = [
 def test_refusal(change, sentence):
     with pytest.raises(ValueError, match=sentence):
         track_orders(**GOOD | change)
-
-
-def test_the_good_case_is_good():
-    assert track_orders(**GOOD).method == "exact"
 
 
 @pytest.mark.parametrize("scale", [1e-118, 1e118])

@@ -1,128 +1,17 @@
 """Records that trackers fail on, put to the trackers as a user would, against least squares in fifty digits or more."""
 
-from dataclasses import dataclass, replace
-from decimal import Decimal, localcontext
-from math import comb
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from amplitude_oracle import Case
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import track_orders
-
 METHODS = pytest.mark.parametrize("method", ["exact", "fast"])
 ONE_AND_TWO_POLES = pytest.mark.parametrize("poles", [1, 2])
 SAMPLES = np.arange(3000)
-
-exact_number = np.vectorize(Decimal, otypes=[object])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """A record at one sample a second, and what the trackers are told of it."""
-
-    x: np.ndarray
-    phase: np.ndarray
-    orders: tuple[float, ...]
-    bandwidth: float
-    poles: int
-    noise: float
-    initial_std: float
-    every: int = 1
-
-    def track(self, method="exact", estimator="smoother", **settings):
-        tracks = track_orders(
-            self.x, phase_rad=self.phase, orders=self.orders, bandwidth_hz=self.bandwidth, rate_hz=1.0,
-            poles=self.poles, noise_variance=self.noise, initial_std=self.initial_std, output_every=self.every,
-            method=method, estimator=estimator, **settings,
-        )  # fmt: skip
-        assert tracks.method == method
-        return tracks
-
-    def least_squares_on_the_past(self, sample):
-        """The amplitudes at a sample, and their std, as the filter has them: with the mean as an order of its own."""
-        orders = self.orders if 0.0 in self.orders else (*self.orders, 0.0)
-        past = replace(self, x=self.x[: sample + 1], phase=self.phase[: sample + 1], orders=orders)
-        return (values[: len(self.orders)] for values in past.least_squares([sample]))
-
-    def least_squares(self, outputs=None):
-        """Amplitudes and their std (order, output), by default at the outputs of `track`.
-
-        The unknowns are the levels themselves, from `poles - 1` samples before the record on. The squares are those
-        of the samples, of the `poles`-th differences, and, at the first sample, of the lower ones, each over its
-        variance: a band of equations, eliminated from the first to the last, and of its inverse the diagonal.
-        """
-        outputs = np.arange(0, self.x.size, self.every) if outputs is None else outputs
-        with localcontext() as context:
-            # Of these cases those of one and two poles come out in double precision as with a hundred digits; of four
-            # poles in narrow bands 50 would lose all.
-            context.prec = 50 if self.poles <= 2 else 100
-            solved = _solved(*self._equations(), first=min(outputs))
-            levels, variances = (values[outputs].astype(float) for values in solved)
-        number, turning = len(self.orders), np.flatnonzero(self.orders)
-        amplitude, variance = levels[:, :number].T.astype(complex), variances[:, :number].T.copy()
-        amplitude[turning] += 1j * levels[:, number:].T
-        variance[turning] = (variance[turning] + variances[:, number:].T) / 2
-        return amplitude, np.sqrt(variance)
-
-    def _equations(self):
-        """Upper band (unknown, offset) of the matrix, right side, and unknowns before the record and a sample."""
-        orders, poles = np.array(self.orders), self.poles
-        columns = np.concatenate([np.arange(orders.size), np.flatnonzero(orders)])
-        angle = orders * self.phase[:, None]
-        rows = exact_number(np.concatenate([np.cos(angle), -np.sin(angle[:, orders != 0])], axis=1))
-        count = columns.size
-        band = exact_number(np.zeros(((poles - 1 + self.x.size) * count, poles * count + 1)))
-        right = exact_number(np.zeros(len(band)))
-
-        def add_differences(samples, column, degree, variance):
-            signs = [Decimal((-1) ** j * comb(degree, j)) for j in range(degree + 1)]
-            for early in range(degree + 1):
-                for late in range(early + 1):
-                    places = (poles - 1 + samples - early) * count + column
-                    band[places, (early - late) * count] += signs[early] * signs[late] / variance
-
-        # As the theory page has it: N = 2 R, R for the mean.
-        ratio = (2 * np.sin(np.pi * self.bandwidth / 2)) ** (2 * poles) / (np.sqrt(2) - 1)
-        for column, order in enumerate(orders[columns]):
-            for degree in range(poles):
-                start = self.initial_std * (2 * np.pi * self.bandwidth) ** degree
-                add_differences(np.array([0]), column, degree, Decimal(start) ** 2)
-            walk = Decimal(float((2 if order else 1) * self.noise * ratio))
-            add_differences(np.arange(1, self.x.size), column, poles, walk)
-        seen = np.flatnonzero(~np.isnan(self.x))
-        rows, x, noise = rows[seen], exact_number(self.x[seen]), Decimal(self.noise)
-        for column in range(count):
-            places = (poles - 1 + seen) * count + column
-            right[places] += rows[:, column] * x / noise
-            for other in range(column, count):
-                band[places, other - column] += rows[:, column] * rows[:, other] / noise
-        return band, right, (poles - 1) * count, count
-
-
-def _solved(band, right, before, count, first):
-    """(sample, column) solution and diagonal of the inverse, filled in from sample `first` on."""
-    size, reach = len(band), band.shape[1] - 1
-    right = np.concatenate([right, exact_number(np.zeros(reach))])
-    taken = exact_number(np.zeros((reach + 1, reach + 1)))  # by what is eliminated, from the equations that follow
-    for i in range(size):
-        row = band[i] - taken[0]
-        factors = row[1:] / row[0]
-        taken[:-1, :-1] = taken[1:, 1:] + factors[:, None] * row[1:]
-        right[i + 1 : i + 1 + reach] -= factors * right[i]
-        band[i, 0], band[i, 1:] = row[0], factors
-    solution, diagonal = exact_number(np.zeros(size + reach)), exact_number(np.zeros(size))
-    near = exact_number(np.zeros((reach, reach)))  # the inverse at the unknowns that follow
-    for i in range(size - 1, before + first * count - 1, -1):
-        pivot, factors = band[i, 0], band[i, 1:]
-        solution[i] = right[i] / pivot - factors @ solution[i + 1 : i + 1 + reach]
-        beside = -(near @ factors)
-        diagonal[i] = 1 / pivot - factors @ beside
-        near[1:, 1:] = near[:-1, :-1].copy()
-        near[0] = near[:, 0] = np.concatenate([diagonal[i : i + 1], beside[:-1]])
-    return solution[before:size].reshape(-1, count), diagonal[before:].reshape(-1, count)
 
 
 def assert_equal_to(tracks, answer):
@@ -135,17 +24,6 @@ def assert_equal_to(tracks, answer):
     assert np.sqrt(np.mean((off / std) ** 2)) < 3e-3
     if single:  # an amplitude is as good as it is large, or as it is sure
         assert np.max(off / np.maximum(np.abs(amplitude), std)) < 1e-6
-
-
-def assert_filter_is_least_squares_on_the_past(case, samples):
-    every = replace(case, every=1)
-    filtered = every.track(estimator="filter")
-    for sample in samples:
-        amplitude, std = every.least_squares_on_the_past(sample)
-        assert_allclose(filtered.std[:, [sample]], std, rtol=1e-6)
-        assert np.all(
-            np.abs(filtered.complex_amplitude[:, [sample]] - amplitude) < 1e-6 * np.abs(amplitude) + 1e-6 * std
-        )
 
 
 def normal(seed, std, size=SAMPLES.size):
@@ -177,7 +55,6 @@ def test_a_line_60_db_below_its_neighbour_keeps_its_amplitude(poles):
     # The weak line is 1: known to 0.12 % and 0.08 % in the middle, and true to that.
     assert np.all(np.abs(exact.complex_amplitude[1] - 1) < 4.5 * exact.std[1])
     assert exact.std[1, 50] < 1.3e-3
-    assert_filter_is_least_squares_on_the_past(case, [700])
 
 
 @ONE_AND_TWO_POLES
@@ -191,33 +68,6 @@ def test_beside_a_strong_line_that_swings_blocks_err_by_a_part_of_the_strong_one
 
 
 # Envelopes, speeds and shafts that change abruptly.
-
-
-@ONE_AND_TWO_POLES
-def test_a_step_in_speed_is_no_event_for_the_amplitudes(poles):
-    at = 1507
-    phase = 0.3 * SAMPLES + 0.15 * np.maximum(SAMPLES - at, 0)
-    clean = 0.5 + np.cos(phase + 1) + 0.7 * np.cos(2.3 * phase)
-    case = Case(
-        x=clean,
-        phase=phase,
-        orders=(0.0, 1.0, 2.3),
-        bandwidth=4e-3,
-        poles=poles,
-        noise=0.01,
-        initial_std=100.0,
-        every=3,
-    )
-    truth = np.array([[0.5], [np.exp(1j)], [0.7]])
-    for estimator in ("smoother", "filter"):
-        tracks = case.track(estimator=estimator)
-        # Without noise all that is left is the prior, 1e-6 of the noise a sample, and its mark on the first turns.
-        assert np.abs(tracks.complex_amplitude - truth)[:, 100:].max() < 1e-6
-    smoothed = case.track()
-    beside = np.abs(smoothed.sample_index - at) < 100
-    usual = np.median(smoothed.std, axis=1, keepdims=True)
-    # Within a turn the quadratures share out differently; that is all.
-    assert np.all(np.abs(smoothed.std[:, beside] / usual - 1) < 5e-3)
 
 
 def stopping(samples):
@@ -249,7 +99,6 @@ def test_a_shaft_at_rest_or_reversing_is_least_squares(turn, poles):
         # At rest all orders are one number and there is one quadrature.
         growth = tracks.std[:, at] / tracks.std[:, turning]
         assert np.all(growth > (1.8 if turn is stopping else 1.15))
-    assert_filter_is_least_squares_on_the_past(case, [still])
 
 
 # An offset.
@@ -332,38 +181,6 @@ def test_without_any_sample_the_prior_is_left_and_grows(poles, estimator):
     # Between nodes of the smoother, straight where the walk with a slope is bent.
     assert_allclose(tracks.std[0] ** 2, grown, rtol=1e-9 if estimator == "filter" else 1e-3)
     assert tracks.noise_variance == 1.0
-
-
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-def test_fast_bears_a_prior_of_a_million_noises(poles):
-    """P0 / R = 1e12."""
-    phase = 2 * np.pi * 0.1 * SAMPLES
-    x = np.cos(phase) + np.cos(2.3 * phase) + normal(5, 0.5)
-    case = Case(
-        x=x, phase=phase, orders=(0.0, 1.0, 2.3), bandwidth=2e-3, poles=poles, noise=0.25, initial_std=5e5, every=100
-    )
-    exact, fast = case.track(), case.track("fast")
-    # The exact method is held against more digits at such priors elsewhere.
-    assert np.max(np.abs(fast.complex_amplitude - exact.complex_amplitude) / exact.std) < 0.02
-    assert_allclose(fast.std, exact.std, rtol=0.02)
-
-
-@ONE_AND_TWO_POLES
-def test_at_half_the_rate_what_is_observed_is_found_beside_another_order(poles):
-    phase = np.pi * SAMPLES[:2000]
-    x = np.cos(phase) + 0.5 * np.cos(0.2 * phase) + normal(8, 0.5, phase.size)
-    case = Case(
-        x=x, phase=phase, orders=(1.0, 0.2), bandwidth=2e-3, poles=poles, noise=0.25, initial_std=500.0, every=50
-    )
-    amplitude, std = case.least_squares()
-    # Blocks of 3 and 7 samples, and of 2 and 17.
-    for tracks, part in ((case.track(), 5e-3), (case.track("fast"), 0.03)):
-        # Of order 1 the cosine alone is seen. The sine is not: it keeps the prior and drowns the rest in `std`.
-        error = tracks.complex_amplitude - amplitude
-        assert np.all(np.abs(error.real) < part * std[1])
-        assert np.all(np.abs(error[1]) < part * std[1])
-        assert np.all(tracks.std[0] > 350)
-        assert_allclose(tracks.std[1], std[1], rtol=0.1 * part)
 
 
 # The filter while its prior is open.

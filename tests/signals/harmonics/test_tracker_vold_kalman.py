@@ -53,14 +53,6 @@ def real_problem(x, weights, poles, means=()):
     return levels[: len(means)], levels[len(means) :: 2] + 1j * levels[len(means) + 1 :: 2]
 
 
-def complex_problem(x, weights, poles):
-    """Minimise `sum |r D Z|^2 + sum |2 x - sum Z exp(j order phase)|^2`, the two-sided form of the literature."""
-    C = block_array([[diags_array(np.exp(1j * order * PHASE)) for order in ORDERS]], format="csr")
-    D = differences(poles)
-    matrix = block_diag([r**2 * (D.T @ D) for r in weights]) + C.conj().T @ C
-    return spsolve(matrix.tocsc(), C.conj().T @ (2 * x)).reshape(-1, SAMPLES)
-
-
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
 def test_smoother_is_the_least_squares_solution(poles):
     weights = np.array([Bandwidth(width=width, poles=poles).weight for width in (0.03, 0.04, 0.05)])
@@ -80,16 +72,3 @@ def test_the_mean_takes_the_weight_as_it_is():
     (mean,), others = real_problem(x, [weight] * 3, 2, means=[weight])
     assert_allclose(amplitude[0], mean, atol=1e-4)  # the prior, as above
     assert_allclose(amplitude[1:], others, atol=1e-4)
-
-
-@pytest.mark.parametrize("poles", [1, 2])
-def test_away_from_the_ends_it_is_the_complex_form_too(poles):
-    width = 0.03
-    weight = Bandwidth(width=width, poles=poles).weight
-    amplitude = vold_kalman(record(), ORDERS, [weight] * 3, poles)
-    expected = complex_problem(record(), [weight] * 3, poles)
-    middle = slice(150, -150)
-    # The complex form takes images for noise: what leaks of one, 0.1 and more cycles a sample away, is the smoother's
-    # gain there, at most 1 / (1 + 0.41 (0.1 / 0.005)^(2 poles)), times an amplitude of 2.
-    leak = 2 / (1 + 0.41 * (0.1 / (width / 2)) ** (2 * poles))
-    assert np.abs(amplitude - expected)[:, middle].max() < 3 * leak

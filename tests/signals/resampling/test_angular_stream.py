@@ -1,9 +1,6 @@
-"""Angular resampling in blocks against the whole record at once, and its memory over a long one."""
+"""Angular resampling in blocks against the whole record at once, and its memory."""
 
-import subprocess
-import sys
-import textwrap
-from pathlib import Path
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -114,49 +111,23 @@ class TestRefusals:
             stream.finish()
 
 
-LONG = """
-    import sys
-    import numpy as np
-    sys.path.insert(0, {folder!r})
-    from conftest import revolutions, times_at
-    from signals import AngularStream, ShaftPhase
-
-    rate_hz, per_rev, laps = 51_200.0, 128, 6  # a lap of 20 s is 1,000 revolutions and ten swings of the speed
-    start_s = 75 * 20.0  # as if 75 laps had gone before
-    turns = times_at(np.arange(1000))
-    times = start_s + np.concatenate([lap * 20.0 + turns for lap in range(laps)])
+def test_memory_does_not_grow_with_the_record(swinging):
+    """A lap of 20 s is 1,000 revolutions and ten swings of the speed; the record begins as if 75 had gone before."""
+    per_rev, start_s, lap_s = 128, 1500.0, 20.0
+    turns = swinging.times_at(np.arange(1000))
+    times = start_s + np.concatenate([lap * lap_s + turns for lap in range(4)])
     phase = ShaftPhase(times_s=times, revolutions=np.arange(times.size, dtype=float))
-    lap = revolutions(np.arange(1_024_000) / rate_hz).astype(float)
-    record = np.cos(2 * np.pi * 5 * lap) + np.cos(2 * np.pi * 5.5 * lap)
-    stream = AngularStream(rate_hz=rate_hz, phase=phase, samples_per_rev=per_rev, start_s=start_s)
-    def peak_mb():
-        # of this program alone: the largest that getrusage knows may be that of the process it was started from
-        peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM:"))
-        return int(peak.split()[1]) / 1024
-
-    total, count = np.zeros(per_rev), 0
-    for number in range(laps):
-        signal = stream.push(record)
-        if number == 1:
-            early_mb = peak_mb()
-        total += signal.values.reshape(-1, per_rev).sum(axis=0)
-        count += signal.revolutions
-    last = stream.finish()
-    total += last.values.reshape(-1, per_rev).sum(axis=0)
-    count += last.revolutions
+    angle = swinging.revolutions(np.arange(1_024_000) / RATE_HZ).astype(float)
+    lap = np.cos(2 * np.pi * 5 * angle) + np.cos(2 * np.pi * 5.5 * angle)
+    stream = AngularStream(**settings(phase, per_rev, start_s=start_s))
+    total, held = np.zeros(per_rev), []
+    tracemalloc.start()
+    for _ in range(4):
+        total += stream.push(lap).values.reshape(-1, per_rev).sum(axis=0)
+        held.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    total += stream.finish().values.reshape(-1, per_rev).sum(axis=0)
+    assert held[-1] - held[0] < 100_000  # bytes: a lap is eight million
+    # 3,999 revolutions: the half order cancels in pairs, of which the last is alone; the filter itself errs by 2e-6
     truth = np.cos(2 * np.pi * 5 * np.arange(per_rev) / per_rev)
-    print(count, np.abs(total / count - truth).max(), early_mb, peak_mb())
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="the peak of resident memory is read from /proc")
-def test_six_million_samples_take_the_memory_of_two():
-    folder = str(Path(__file__).parents[1])
-    code = textwrap.dedent(LONG).format(folder=folder)
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    count, error, early_mb, megabytes = (float(word) for word in out.split())
-    assert count == 5999  # pulses, less one
-    # the half order cancels in pairs of revolutions, of which the last is alone; the filter itself errs by 2e-6
-    assert error < 1 / count + 5e-6
-    assert megabytes < early_mb + 20  # the four million samples between are 33 MB, their turns 4
+    assert np.abs(total / 3999 - truth).max() < 1 / 3999 + 5e-6

@@ -25,31 +25,6 @@ def rms(values):
 
 
 @pytest.fixture(scope="module")
-def exact_phase(swinging):
-    """The swinging shaft's phase with no spline in between; the one grid that is asked for is kept."""
-    known = {}
-
-    def times_at(revolutions, at_rest="refuse"):  # noqa: ARG001 - this shaft never rests
-        revolutions = np.asarray(revolutions)
-        key = (revolutions[0], revolutions[-1], revolutions.size)
-        if key not in known:
-            known[key] = swinging.times_at(revolutions)
-        return known[key]
-
-    class Exact(ShaftPhase):
-        def revolutions_at(self, times_s):
-            return swinging.revolutions(times_s).astype(float)
-
-        def times_at(self, revolutions, at_rest=None):
-            return times_at(revolutions, at_rest)
-
-        def speed_hz(self, times_s):
-            return swinging.speed_hz(times_s)
-
-    return Exact(times_s=np.array([0.0, 20.0]), revolutions=np.array([0.0, 1000.0]))
-
-
-@pytest.fixture(scope="module")
 def pulsed_phase(swinging):
     """The same shaft, known from one pulse a revolution."""
     return ShaftPhase(times_s=swinging.times_at(np.arange(1001)), revolutions=np.arange(1001.0))
@@ -62,37 +37,15 @@ def record_revolutions(swinging):
 
 
 class TestTones:
-    @pytest.mark.parametrize(
-        ("phase", "order"),
-        [("exact_phase", 1), ("exact_phase", 400), ("pulsed_phase", 400)],
-    )
-    def test_standard_job(self, request, record_revolutions, middle, phase, order):
+    @pytest.mark.parametrize("order", [1, 400])
+    def test_standard_job(self, record_revolutions, pulsed_phase, middle, order):
         """Standard job J4: 1,024 samples a revolution of a tone whose angle is known."""
-        phase = request.getfixturevalue(phase)
-        resampled = angular_resample(
-            np.cos(2 * np.pi * order * record_revolutions), rate_hz=RATE_HZ, phase=phase, samples_per_rev=1024
-        )
+        record = np.cos(2 * np.pi * order * record_revolutions)
+        resampled = angular_resample(record, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=1024)
         truth = np.cos(order * resampled.angle_rad)
         # a 64-tap Kaiser sinc was measured at 2.2e-6 elsewhere; ours claims 2e-6. From pulses comes 3e-8 more
         assert rms(middle(resampled.values - truth)) / rms(middle(truth)) < 2e-6
         assert resampled.revolutions == 977  # 50 Hz for 20 s less the last 30 ms, and 1.4 of the swing
-
-    def test_a_record_that_starts_late(self, swinging, pulsed_phase, middle):
-        start_s = 3.3
-        times = start_s + np.arange(200_000) / RATE_HZ
-        signal = np.cos(2 * np.pi * 36 * swinging.revolutions(times).astype(float))
-        resampled = angular_resample(
-            signal, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=512, start_s=start_s, revolutions=150
-        )
-        assert resampled.start_rev == np.ceil(float(swinging.revolutions(start_s)))
-        assert resampled.values.size == 150 * 512
-        # to the same claim, 2e-6 RMS of an amplitude of 1 / sqrt(2)
-        assert rms(middle(resampled.values - np.cos(36 * resampled.angle_rad))) < 2e-6
-
-    def test_a_constant_stays_what_it_is(self, pulsed_phase):
-        resampled = angular_resample(np.full(50_000, 7.25), rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=96)
-        # the kernel's weights are divided by their sum: rounding alone, to the very ends
-        np.testing.assert_allclose(resampled.values, 7.25, rtol=1e-13)
 
 
 class TestFilter:
@@ -207,20 +160,11 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
-            (
-                {"x": np.where(np.arange(1000) == 51, np.nan, 1.0)},
-                r"1 values .* not finite, the first at index 51 \(0\.051 s\)",
-            ),
+            ({"x": np.where(np.arange(1000) == 51, np.nan, 1.0)}, r"not finite, the first at index 51 \(0\.051 s\)"),
             ({"x": np.ones(50)}, "record longer, or check sampling rate and tachometer"),
             ({"method": "sync"}, "Did you mean 'sinc'"),
             ({"x": [1.0]}, "at least 2"),
-            ({"x": np.ones((3, 3))}, "real array"),
-            ({"x": np.ones(5, dtype=complex)}, "real array"),
-            ({"rate_hz": 0}, "rate_hz=0"),
-            ({"rate_hz": float("inf")}, "rate_hz"),
             ({"samples_per_rev": 1}, "samples_per_rev=1"),
-            ({"samples_per_rev": 12.5}, "samples_per_rev"),
-            ({"samples_per_rev": True}, "samples_per_rev"),
         ],
     )
     def test_inputs(self, changes, words):
@@ -361,18 +305,6 @@ class TestBack:
         assert low.start_s == 0.5
         assert np.abs(low.values - truth)[inside].max() < 4e-6  # of single values; 2e-6 is the claim for a tone
         assert 20 * np.log10(np.abs(high.values[inside]).max()) < -100
-
-    @pytest.mark.parametrize("method", ["sinc", "cubic", "linear"])
-    def test_of_a_run_up_from_rest(self, method):
-        phase = ShaftPhase(times_s=np.sqrt(np.arange(60.0)), revolutions=np.arange(60.0))
-        signal = AngularSignal(
-            values=np.sin(2 * np.pi * np.arange(59 * 64) / 64), samples_per_rev=64, start_rev=0.0, passband_orders=28.0
-        )
-        back = time_resample(signal, phase=phase, rate_hz=1000.0, method=method)
-        late = back.times_s > 2  # 64 samples a cycle: linear errs by 9e-4, cubic by 1.6e-6
-        truth = np.sin(2 * np.pi * phase.revolutions_at(back.times_s))
-        limit = {"sinc": 4e-6, "cubic": 3e-6, "linear": 1.3e-3}[method]
-        assert np.abs(back.values - truth)[late & (back.times_s < 7)].max() < limit
 
     def test_refusals(self, pulsed_phase):
         signal = AngularSignal(values=np.zeros(640), samples_per_rev=64, start_rev=3.0, passband_orders=28.0)

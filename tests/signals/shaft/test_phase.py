@@ -41,28 +41,6 @@ class TestSwingingSpeed:
         assert np.sqrt(np.mean((2 * np.pi * 400 * error) ** 2)) < 3e-8
         assert np.max(np.abs(phase.angle_rad(times) - 2 * np.pi * phase.revolutions_at(times))) == 0
 
-    def test_error_falls_with_the_sixth_power(self, swinging, middle):
-        times = middle(np.linspace(0.0, 19.0, 100_001))
-        exact = swinging.revolutions(times)
-        worst = []
-        for step in (4, 2):  # revolutions between knots: coarse enough to stand far above rounding
-            revolutions = np.arange(0, 1001, step, dtype=float)
-            phase = through(swinging.times_at(revolutions), revolutions)
-            worst.append(float(np.max(np.abs(phase.revolutions_at(times) - exact))))
-        # 2^6 = 64 in the limit of close knots
-        assert 50 < worst[0] / worst[1] < 80
-
-    def test_speed(self, phase, swinging, middle):
-        times = middle(np.linspace(phase.start_s, phase.stop_s, 100_001))
-        # the angle errs by up to about 1e-11 revolutions within 1/50 s, so its slope by some pi times 50 times that
-        np.testing.assert_allclose(phase.speed_hz(times), swinging.speed_hz(times), rtol=0, atol=1e-8)
-
-    def test_inverse(self, phase):
-        times = np.linspace(phase.start_s, phase.stop_s, 300_001)
-        back = phase.times_at(np.clip(phase.revolutions_at(times), 0, 1000))
-        # 1000 revolutions are known to 1e-13, passed in 2e-15 s
-        np.testing.assert_allclose(back, times, rtol=0, atol=1e-12)
-
 
 class TestPolynomials:
     @pytest.mark.parametrize(("knots", "degree"), [(2, 1), (4, 3), (6, 5), (9, 5)])
@@ -188,22 +166,16 @@ class TestOtherShafts:
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        *((lambda p, v=v: p.scaled(v), "ratio") for v in (0, np.nan, np.inf, True, "2")),
-        *((lambda _, v=v: constant_speed(v, start_s=0, stop_s=1), "speed_hz") for v in (0, -1.0, np.nan, True, "2")),
-        *((lambda _, v=v: constant_speed(9.0, start_s=1, stop_s=v), "stop_s") for v in (1.0, np.nan, np.inf)),
+        (lambda p: p.scaled(0), "ratio"),
+        (lambda _: constant_speed(-1.0, start_s=0, stop_s=1), "speed_hz"),
+        (lambda _: constant_speed(9.0, start_s=1, stop_s=1.0), "stop_s"),
         (lambda p: p.revolutions_at([0.5, -0.01]), r"outside the known motion of the shaft, 0 to 1 s"),
         (lambda p: p.angle_rad([0.5, 1.01]), r"outside the known motion of the shaft, 0 to 1 s"),
         (lambda p: p.speed_hz([0.5, 1.01]), r"outside the known motion of the shaft, 0 to 1 s"),
         (lambda p: p.times_at([3.0, 20.001]), "outside the known 0 to 20"),
-        *(
-            (lambda p, ask=ask, v=v: getattr(p, ask)(v), "times_s|revolutions")
-            for ask in ("revolutions_at", "times_at", "speed_hz")
-            for v in ([0.1, np.nan], [], [[0.1]], ["0.1"], [True], [0.1j])
-        ),
-        *(
-            (lambda _, v=v: through(v).revolutions_at([0.5]), "increasing|duplicates|nans")
-            for v in ([0.0, 2.0, 1.0, 3.0], [0.0, 1.0, 1.0, 3.0], [0.0, 1.0, np.nan, 3.0])
-        ),
+        (lambda p: p.revolutions_at([0.1, np.nan]), "times_s"),
+        (lambda p: p.times_at([0.1, np.nan]), "revolutions"),
+        (lambda _: through([0.0, 2.0, 1.0, 3.0]).revolutions_at([0.5]), "increasing"),
     ],
 )
 def test_refused(ask, words):

@@ -66,30 +66,7 @@ class TestSingleFaults:
         phase = shaft_phase(np.delete(times, missing))
         np.testing.assert_array_equal(phase.revolutions, np.delete(np.arange(120), missing))
         assert (phase.repairs.missing, phase.repairs.total) == (len(missing), len(missing))
-
-    @pytest.mark.parametrize("share", [0.003, 0.05, 0.5, 0.95])
-    def test_an_extra_pulse_is_left_out(self, swinging, share):
-        times = swinging.times_at(np.arange(120))
-        phase = shaft_phase(np.insert(times, 41, times[40] + share * (times[41] - times[40])))
-        np.testing.assert_array_equal(phase.times_s, times)
-        double = share < 0.1
-        assert (phase.repairs.double, phase.repairs.spurious) == (double, not double)
-
-    @pytest.mark.parametrize("positions", [[0, 0.53], [0, 0.2], [0, 0.8], [0, 0.32, 0.655]])
-    @pytest.mark.parametrize("fault", ["missing", "extra"])
-    def test_among_uneven_stripes(self, swinging, positions, fault):
-        true = (np.arange(100)[:, None] + positions).ravel()
-        times = swinging.times_at(true)
-        for place in range(90, 96):
-            bad = (
-                np.delete(times, place)
-                if fault == "missing"
-                else np.insert(times, place + 1, times[place : place + 2] @ [0.6, 0.4])
-            )
-            phase = shaft_phase(bad, pulses_per_rev=len(positions))
-            kept = np.delete(true, place) if fault == "missing" else true
-            np.testing.assert_allclose(phase.revolutions, kept, rtol=0, atol=1e-8)
-            assert (phase.repairs.missing, phase.repairs.spurious) == ((1, 0) if fault == "missing" else (0, 1))
+        assert phase.stops_s.size == 0
 
     def test_among_the_stripes_of_a_zebra_tape_with_a_butt_joint(self, swinging):
         # 60 stripes, the last gap 40 % wider; twelve pulses missing and twelve spurious in 60 turns
@@ -173,18 +150,6 @@ class TestStops:
         assert phase.direction_unknown
         assert phase.repairs.total == 0
 
-    def test_faults_on_either_side_of_a_stop(self):
-        times = np.delete(self.TIMES + 10, [10, 60])
-        phase = shaft_phase(times)
-        assert phase.repairs.missing == 2
-        assert phase.stops_s.shape == (1, 2)
-
-    @pytest.mark.parametrize("jitter", [0.0, 0.02])
-    def test_a_missing_pulse_is_no_stop(self, swinging, jitter):
-        rng = np.random.default_rng(4)
-        times = np.delete(swinging.times_at(np.arange(200)), 77) + jitter / 50 * rng.uniform(-1, 1, 199)
-        assert shaft_phase(times).stops_s.size == 0
-
 
 class TestOtherWays:
     @pytest.mark.parametrize("per_rev", [Fraction(41, 20), 2.05])
@@ -207,15 +172,6 @@ class TestOtherWays:
 
     def test_two_pulses(self):
         np.testing.assert_allclose(shaft_phase([0.01, 0.05]).revolutions_at([0.03]), [0.5], rtol=1e-12)
-
-    def test_run_up_from_rest(self):
-        # 40 Hz after 5 s; a pulse at rest, and one every turn
-        times = np.sqrt(np.arange(101) / 4)
-        phase = shaft_phase(times)
-        at = np.linspace(0, 5, 5001)
-        assert phase.repairs.total == 0
-        np.testing.assert_allclose(phase.revolutions_at(at), 4 * at**2, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(phase.speed_hz(at), 8 * at, rtol=0, atol=1e-7)
 
     @pytest.mark.parametrize("wave", [np.sin(np.arange(1000.0)), np.tile([0, 0, 5, 5], 50)])
     def test_a_waveform_in_place_of_times(self, wave):

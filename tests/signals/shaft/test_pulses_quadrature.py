@@ -21,25 +21,15 @@ def swing(t):
     return 2.013 * np.sin(2 * np.pi * t / 4)
 
 
-@pytest.mark.parametrize("sense", [1, -1])
-def test_one_way(sense):
-    t = np.arange(100_000) / RATE_HZ
-    edges = quadrature_direction(*channels(sense * (3 * t + 0.2 * t**2) + 0.003), rate_hz=RATE_HZ)
-    assert np.all(edges.direction == sense)
-    phase = shaft_phase(edges.times_s, pulses_per_rev=4 * STRIPES, direction=edges.direction)
-    turned = phase.revolutions[-1] - phase.revolutions[0]
-    law = sense * (3 * edges.times_s + 0.2 * edges.times_s**2)
-    np.testing.assert_allclose(turned, law[-1] - law[0], atol=1e-6)  # an edge is found to 1e-3 samples
-
-
 def test_reversal_is_followed():
     t = np.arange(200_000) / RATE_HZ
-    edges = quadrature_direction(*channels(swing(t)), rate_hz=RATE_HZ)
+    edges = quadrature_direction(*channels(swing(t)), rate_hz=RATE_HZ, start_s=5.0)
+    np.testing.assert_array_equal(edges.direction, np.sign(np.cos(2 * np.pi * (edges.times_s - 5) / 4)))
     phase = shaft_phase(edges.times_s, pulses_per_rev=4 * STRIPES, direction=edges.direction)
     assert not phase.direction_unknown
     at = np.linspace(phase.start_s, phase.stop_s, 5001)
     angle = phase.revolutions_at(at)
-    error = angle - swing(at)
+    error = angle - swing(at - 5)
     error -= error[0]  # revolution zero is the first edge
     # at an edge it is known to 1e-5; where the shaft turns about between two passes of one edge a parabola goes
     assert np.max(np.abs(error)) < 1e-4
@@ -47,13 +37,6 @@ def test_reversal_is_followed():
     with_no_direction = shaft_phase(edges.times_s, pulses_per_rev=4 * STRIPES)
     assert with_no_direction.revolutions[-1] > 7.9
     assert with_no_direction.direction_unknown
-
-
-def test_direction_follows_the_sign_of_the_speed():
-    t = np.arange(200_000) / RATE_HZ
-    edges = quadrature_direction(*channels(swing(t)), rate_hz=RATE_HZ, start_s=5.0)
-    true = np.sign(np.cos(2 * np.pi * (edges.times_s - 5) / 4))
-    np.testing.assert_array_equal(edges.direction, true)
 
 
 def test_channels_of_unequal_length():

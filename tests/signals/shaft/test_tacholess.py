@@ -140,13 +140,6 @@ class TestAccuracy:
         assert np.ptp(lag) < 1 / 240
         assert 0 < phase.std_rad(t[:1])[0] < 0.01
 
-    def test_clock(self, short_run_up):
-        x, orders, zero = short_run_up
-        later = estimate_speed(x, rate_hz=RATE_HZ, orders=orders, start_s=100.0, **RUN)
-        np.testing.assert_allclose(later.times_s, zero.times_s + 100, rtol=0, atol=1e-9)
-        assert later.phase.start_s == pytest.approx(zero.phase.start_s + 100)
-        np.testing.assert_array_equal(later.speed_hz, zero.speed_hz)
-
 
 class TestDoubt:
     def test_only_even_orders(self):
@@ -161,13 +154,6 @@ class TestDoubt:
         assert {1.0, 2.0} <= ratios
         assert sum(other.probability for other in found.alternatives) < 1
 
-    def test_a_narrower_range_decides_the_octave(self):
-        law = ramp(12, 20, 12)
-        _, x = vibration(law, duration=12, orders=range(1, 9), snr_db=5, seed=1, sidebands=False, missing=(1, 3, 5, 7))
-        found = estimate_speed(x, rate_hz=RATE_HZ, orders=range(1, 9), speed_range_hz=(10, 22), max_acceleration_hz_s=2)
-        assert found.status == "ok"
-        assert np.median(np.abs(error(found, law))) < 1e-3
-
     def test_missing_orders(self):
         law, duration, _ = LAWS["run-up"]
         orders = (20, 40, 60, 80, 100)
@@ -176,13 +162,6 @@ class TestDoubt:
         assert found.status == "ok"
         assert np.median(np.abs(error(found, law))) < 5e-4
         assert list(found.shown > 3) == [True, False, True, True, False]
-
-    def test_one_line_is_no_shaft(self):
-        law = ramp(30, 30 + 1e-9, 10)
-        _, x = vibration(law, duration=10, orders=(20,), snr_db=0, seed=2, sidebands=False)
-        found = estimate_speed(x, rate_hz=RATE_HZ, orders=MESH, speed_range_hz=(28, 33), max_acceleration_hz_s=1)
-        assert found.status == "ambiguous"
-        assert found.confidence.max() <= 0.5
 
     def test_three_harmonics_may_be_of_half_the_speed(self):
         _, x = vibration(ramp(20, 20 + 1e-9, 10), duration=10, orders=(1, 2, 3), snr_db=5, seed=3, sidebands=False)
@@ -283,25 +262,10 @@ class TestDoubt:
                 speed_range_hz=(10, 40),
                 max_acceleration_hz_s=2,
             )
-            for seed in range(40)
+            for seed in range(20)  # benchmarks/speed.py takes a hundred
         ]
         assert {one.status for one in found} == {"not found"}
         assert all(one.phase is None for one in found)
-
-    def test_noise_through_a_mode_is_refused(self):
-        # narrower than the bins that noise is levelled over, the mode looks like one line
-        for seed in range(3):  # benchmarks/speed.py takes a hundred
-            x = np.random.default_rng(seed).standard_normal(20_000)
-            found = estimate_speed(
-                x + resonator(x, 700, 0.03),
-                rate_hz=5_000.0,
-                orders=MESH,
-                speed_range_hz=(10, 40),
-                max_acceleration_hz_s=2,
-            )
-            assert found.status != "ok"
-            assert found.phase is None
-            assert found.confidence.max() <= 0.5
 
     def test_standstill_is_left_out(self):
         law = ramp(10, 30, 10)
@@ -320,13 +284,6 @@ class TestDoubt:
 
 
 class TestInput:
-    @pytest.mark.parametrize("level", [0.0, 3.7, 1e6])
-    def test_constant_signal(self, level):
-        found = estimate_speed(np.full(50_000, level), rate_hz=RATE_HZ, orders=MESH, **RUN)
-        assert found.status == "not found"
-        assert np.isnan(found.speed_hz).all()
-        assert not found.confidence.any()
-
     @pytest.mark.compiles
     def test_scale(self, short_run_up):
         x, orders, one = short_run_up
@@ -352,17 +309,6 @@ class TestInput:
 
 
 class TestRefinePhase:
-    def test_from_a_declared_constant_speed(self):
-        law = swing(30, [(0.003, 0.2)])
-        _, x = vibration(law, duration=10, orders=MESH, snr_db=0, seed=7)
-        phase = constant_speed(29.9, start_s=0, stop_s=(x.size - 1) / RATE_HZ)
-        found = refine_phase(x, rate_hz=RATE_HZ, phase=phase, orders=MESH, tolerance=0.007)
-        assert found.status == "ok"
-        assert not found.phase.nominal
-        assert np.abs(found.speed_hz / law.speed_hz(found.times_s) - 1).max() < 1e-3
-        assert found.snr.shape == (found.times_s.size, 3)
-        assert np.median(found.prominence) > 10
-
     def test_without_noise_it_is_exact(self):
         # no noise, no modes: what is left are higher terms of the swing within a window of six revolutions
         law = swing(30, [(0.003, 0.2)])

@@ -66,29 +66,6 @@ def test_what_shows_no_other_speed_clearly_changes_nothing(x):
     assert abs(found.speed_hz / 25.0 - 1) < 1e-4
 
 
-def test_lines_may_show_the_speed_as_it_was_declared():
-    # within a motor's slip of a thousandth, as a speed that wanders by it, and by more than that not
-    wandering = 25.0 * (T + 1e-3 / (2 * np.pi * 0.5) * np.sin(2 * np.pi * 0.5 * T))
-    tones = [0.5 * np.cos(2 * np.pi * order * wandering + order) for order in ORDERS]
-    shown = refined(np.sum(tones, axis=0) + np.random.default_rng(1).standard_normal(T.size))
-    assert not shown.refined
-    assert {1.0, 23.0} <= set(shown.orders)
-    for seed in range(5):
-        assert not refined_by_noise(seed).orders.size
-
-
-@pytest.mark.parametrize("wander", [0.0, 0.001, 0.003])
-def test_a_speed_that_wanders_is_found_within_that_or_left_as_declared(wander):
-    swing = wander / (2 * np.pi * 0.4)
-    turns = 24.75 * (T - swing * np.cos(2 * np.pi * 0.4 * T))
-    x = np.sum([np.cos(2 * np.pi * order * turns + order) for order in range(1, 11)], axis=0)
-    x = x + np.random.default_rng(2).standard_normal(T.size)
-    for declared in (24.75, 24.75 * 1.01, 24.75 * 0.985):
-        found = refine_declared_speed(x, rate_hz=RATE_HZ, speed_hz=declared, orders=range(1, 11), tolerance=0.02)
-        assert found.speed_hz == pytest.approx(24.75, rel=1e-3 + wander) or found.speed_hz == declared
-        assert found.refined or wander > 0.002 or declared == 24.75
-
-
 @pytest.mark.parametrize("name", ["B021_0", "IR014_0"])
 def test_harmonics_of_a_measured_motor_show_its_speed(real_data, name):
     data = io.loadmat(real_data / "cwru" / f"{name}.mat")

@@ -67,18 +67,6 @@ class TestWaveforms:
             pulse_times(wave, rate_hz=RATE_HZ).times_s, passes(0.0), rtol=0, atol=(0.5 + 4 * noise) / RATE_HZ
         )
 
-    def test_noise_on_a_slow_edge_makes_one_pulse(self, turn):
-        noise = 0.02  # of the swing; 400 samples of the edge lie within it
-        wave = half_sine(turn) + noise * np.random.default_rng(5).standard_normal(turn.size)
-        train = pulse_times(wave, rate_hz=RATE_HZ)
-        crossings = np.count_nonzero((wave[:-1] < train.threshold) & (wave[1:] >= train.threshold))
-        expected = passes(np.arcsin(0.5) / (2 * np.pi))
-        assert crossings > 3 * expected.size
-        assert train.times_s.size == expected.size
-        # noise over the slope at 20 Hz, four standard deviations
-        slope = 2 * np.pi * 20 * np.cos(np.pi / 6)
-        assert np.max(np.abs(train.times_s - expected)) < 4 * noise / slope
-
     @pytest.mark.parametrize("noise", [0.05, 0.1])
     def test_noise_on_a_slow_edge_moves_it_neither_way(self, noise):
         speed_hz, pulses = 20.0, 600
@@ -101,8 +89,6 @@ class TestWaveforms:
             (np.repeat([0.0, 1.0, 0.0], 50), "upwards 1 times"),
             (np.array([0.0, 1, np.nan, 1, 0, 1]), "1 values that are not finite, the first at index 2"),
             (np.array([0.0, 1]), "at least 3"),
-            (np.zeros((5, 2)), "real array"),
-            (np.array([0, 1, 0, 1], dtype=complex), "real array"),
         ],
     )
     def test_refused(self, wave, words):
@@ -130,13 +116,15 @@ class TestPulses:
 
     @pytest.mark.parametrize("positions", STRIPES)
     def test_every_missing_pulse_is_seen(self, swinging, positions):
-        times = swinging.times_at((np.arange(20)[:, None] + positions).ravel())
-        n = len(positions)
+        true = (np.arange(20)[:, None] + positions).ravel()
+        times, n = swinging.times_at(true), len(positions)
         for missing in range(n + 1, times.size - n - 1):  # the ends, where one side is missing, are above
-            repairs = shaft_phase(np.delete(times, missing), pulses_per_rev=n).repairs
+            phase = shaft_phase(np.delete(times, missing), pulses_per_rev=n)
+            repairs = phase.repairs
             assert repairs.total
             if 5 * n < missing < times.size - 5 * n:
                 assert (repairs.missing, repairs.total) == (1, 1)
+                np.testing.assert_allclose(phase.revolutions, np.delete(true, missing), rtol=0, atol=1e-7)
                 assert times[missing - 1] < repairs.missing_times_s[0] < times[missing + 1]
 
     @pytest.mark.parametrize("share", [0.003, 0.5, 0.997])
@@ -150,13 +138,6 @@ class TestPulses:
             assert repairs.total
             if 5 * n < place < times.size - 5 * n:
                 assert (repairs.missing, repairs.total) == (0, 1)
-
-    @pytest.mark.parametrize("wrong", ["missing", "extra"])
-    def test_a_few_pulses_of_an_encoder_are_held_against_their_neighbours(self, wrong):
-        times = np.arange(100) / 1500  # a revolution and two thirds
-        times = np.delete(times, 50) if wrong == "missing" else np.insert(times, 51, times[50] + 2e-4)
-        repairs = shaft_phase(times, pulses_per_rev=60).repairs
-        assert (repairs.missing, repairs.total) == (int(wrong == "missing"), 1)
 
     @pytest.mark.parametrize("law", SPEED_LAWS)
     @pytest.mark.parametrize("positions", STRIPES)
@@ -181,11 +162,7 @@ class TestPulses:
             ([0.0, 1, 1, 2], r"pulse 2 at 1 s is not after pulse 1 at 1 s"),
             ([4.0, 3, 2], r"\(2 such places\)"),
             ([0.0, 1, np.nan, 3], "not finite, the first at index 2"),
-            ([0.0, np.inf], "not finite"),
             ([1.0], "1 values; at least 2"),
-            ([], "0 values; at least 2"),
-            ([[0.0, 1.0]], "real array"),
-            (["0", "1"], "real array"),
         ],
     )
     def test_refused(self, times, words):

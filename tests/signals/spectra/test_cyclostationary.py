@@ -118,11 +118,9 @@ class TestHardCases:
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
-            ({"x": np.where(np.arange(5000) == 41, np.nan, 1.0)}, "index 41"),
             ({"x": NOISE[:300]}, "the record holds .* frames of 256 samples"),
             ({"window_length": 255}, "window_length=255 must be even"),
             ({"max_cyclic_hz": 2000.0}, "max_cyclic_hz=2000 must be at most 1250 Hz"),
-            ({"max_cyclic_hz": -1.0}, "max_cyclic_hz=-1.0 must be above zero"),
         ],
     )
     def test_refusals(self, changes, words):

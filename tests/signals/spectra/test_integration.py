@@ -60,10 +60,6 @@ class TestUnits:
         d = displacement(acceleration(50.0, 1.0), rate_hz=RATE_HZ, units=units, to=to)
         assert np.abs(d.values).max() == pytest.approx(factor / (2 * np.pi * 50) ** 2, rel=1e-3)
 
-    def test_a_velocity_is_only_cut_and_converted(self):
-        v = velocity(acceleration(50.0), rate_hz=RATE_HZ, units="m s-1")
-        np.testing.assert_allclose(v.values, 1e3 * acceleration(50.0), atol=1e-8)
-
 
 class TestBand:
     @pytest.mark.parametrize(
@@ -97,14 +93,9 @@ class TestBand:
             ),
             ({"band_hz": (0.0, 1000.0)}, "must rise and lie above 0"),
             ({"band_hz": (10.0, 5000.0)}, "up to 4096 Hz"),
-            ({"band_hz": (10.0, 5.0)}, "must rise"),
-            ({"band_hz": (10.0, float("nan"))}, "must be finite"),
             ({"taper": 1.5}, "taper=1.5 must be at most 1"),
-            ({"taper": 0}, "taper=0 must be above zero"),
-            ({"units": "V"}, "units='V' is unknown"),
             ({"units": "um"}, "units='um' is unknown"),
             ({"to": "um"}, "to='um' is unknown"),
-            ({"x": np.where(np.arange(COUNT) == 9, np.nan, 0.0)}, "index 9"),
         ],
     )
     def test_refusals(self, changes, words):

@@ -68,11 +68,6 @@ class TestChance:
         found = false_alarm_probability(ratio, width_bins=width, spread=HANN_SPREAD, background_degrees=degrees)
         assert found == pytest.approx(-math.expm1(-expected), rel=1e-6)  # quadrature
 
-    def test_a_known_background_and_no_width_is_the_exponential_law(self):
-        found = false_alarm_probability(12.0, width_bins=0.0, spread=HANN_SPREAD, background_degrees=1e9)
-        # exp(-12) off by 12^2 / 2e9
-        assert found == pytest.approx(-math.expm1(-math.exp(-12)), rel=1e-6)
-
     @pytest.mark.parametrize(("single", "searches"), [(0.05, 20), (1.0, 4), (0.0, 9)])
     def test_of_many_searches(self, single, searches):
         assert record_probability(single, searches=searches) == pytest.approx(1 - (1 - single) ** searches, rel=1e-14)
@@ -128,15 +123,6 @@ class TestFoundLine:
         assert abs(missed.found - 7.35) <= 0.2 + lines.bin_width / 8
         assert missed.amplitude < 0.05
 
-    def test_a_louder_neighbour_stays_out_of_the_background(self):
-        rng = np.random.default_rng(14)
-        noise = rng.standard_normal(COUNT)
-        alone = find_line(spectrum(tone() + noise), expected=ORDER)
-        beside = find_line(spectrum(tone() + noise + tone(ORDER + 0.5, 30.0)), expected=ORDER)
-        # the median of 250 bins does not mind the dozen under the neighbour's lobe
-        assert beside.background == pytest.approx(alone.background, rel=0.1)
-        assert beside.amplitude == pytest.approx(alone.amplitude, abs=0.02)
-
     def test_silence_holds_no_line(self):
         line = find_line(spectrum(np.zeros(COUNT)), expected=ORDER)
         assert isinstance(line, Line)
@@ -150,11 +136,7 @@ class TestRefusals:
         [
             ({"expected": 9.1}, "a line at 9.1 .* lies beyond the end of the spectrum at 9"),
             ({"expected": 8.9, "tolerance": 0.2}, "beyond the end"),
-            ({"expected": 0.0}, "expected=0.0"),
-            ({"expected": float("nan")}, "expected="),
             ({"expected": 5.0, "tolerance": -0.1}, "tolerance=-0.1"),
-            ({"expected": 5.0, "tolerance": float("nan")}, "tolerance=nan"),
-            ({"expected": 5.0, "background_width": 0.0}, "background_width=0.0"),
             ({"expected": 5.0, "background_width": 0.05}, "bins of background surround the line at 5, where 8"),
         ],
     )

@@ -35,30 +35,6 @@ class TestTone:
         np.testing.assert_allclose(found.value[:, 40], value, rtol=1e-4)
         assert found.noise_bandwidth == pytest.approx(0.15, rel=1e-12)
 
-    def test_parseval_in_every_row(self):
-        rng = np.random.default_rng(4)
-        signal = AngularSignal(
-            values=rng.standard_normal(PER_REV * 40), samples_per_rev=PER_REV, start_rev=0.0, passband_orders=32.0
-        )
-        found = map_orders(signal, revolutions=5, overlap=0, window="boxcar", scaling="density")
-        rows = (signal.values - signal.values.mean()).reshape(8, -1)
-        np.testing.assert_allclose(found.value.sum(axis=1) * found.bin_width, np.mean(rows**2, axis=1), rtol=1e-12)
-
-    def test_resolution_is_what_separates_two_lines(self):
-        for apart, split in ((0.6, False), (1.6, True)):  # in resolutions
-            wide = map_orders(angular(lambda u: u * 0 + np.cos(2 * np.pi * 4 * u)), revolutions=10).resolution
-            second = 4 + apart * wide
-
-            def pair(u, second=second):
-                return np.cos(2 * np.pi * 4 * u) + np.cos(2 * np.pi * second * u)
-
-            row = map_orders(angular(pair, 1000), revolutions=10, overlap=0).value
-            power = np.sqrt(np.mean(row**2, axis=0))  # over the beat
-            near = (np.arange(power.size) > 30) & (np.arange(power.size) < 60)
-            peaks = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] > power[2:]) & near[1:-1])
-            assert (peaks.size > 1) == split
-        assert wide == pytest.approx(0.144, abs=0.001)  # Harris 1978: 1.44 bins
-
 
 def test_amplitude_and_speed_that_change(swinging):
     rate_hz = 20_000.0

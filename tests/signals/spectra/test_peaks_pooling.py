@@ -20,11 +20,6 @@ def spectra(count, rng, *, amplitude=0.0, order=10.0):
     return [amplitude_spectrum(row, rate=RATE) for row in lines + rng.normal(size=(count, SIZE))]
 
 
-def test_one_is_itself():
-    (one,) = spectra(1, np.random.default_rng(0))
-    np.testing.assert_allclose(pooled([one]).amplitude, one.amplitude, rtol=1e-12)
-
-
 @pytest.mark.parametrize("count", [9, 100])
 def test_the_noise_that_is_left_falls_with_the_root_of_their_number(count):
     rng = np.random.default_rng(count)

@@ -151,15 +151,3 @@ def test_a_belt_does_not_touch():
     assert not two.internal
     assert np.linalg.norm(np.array(one.centre) - two.centre) > one.radius + two.radius
     assert any("schematic" in note for note in layout.notes)
-
-
-def test_bearings_to_scale_stand_where_declared():
-    bearing = {
-        "names": ["left", "right"], "inner_ring": "a", "outer_ring": "box", "elements": 9,
-        "element_diameter_mm": 8, "pitch_diameter_mm": 40, "position_mm": [60, 140],
-    }  # fmt: skip
-    layout = declared(bearing=[bearing])
-    assert [(b.name, b.centre, b.radius, b.element_radius) for b in layout.bearings] == [
-        ("left", (60, 0, 0), 20, 4),
-        ("right", (140, 0, 0), 20, 4),
-    ]
