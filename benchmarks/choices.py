@@ -340,13 +340,16 @@ def searched(
             found.append(probability(signals.order_spectrum(over)))
         return min(found) * len(bands_hz)
 
-    def of_chosen(measure: str) -> float:
-        return of_band(signals.choose_band(x, rate_hz=rate_hz, levels=7, measure=measure).band_hz)
+    def of_chosen() -> float:
+        return of_band(signals.choose_band(x, rate_hz=rate_hz).band_hz)
 
-    measures = ("steady_kurtosis", "kurtosis", "envelope_negentropy")
-    chosen = {f"`choose_band`, `{measure}`": partial(of_chosen, measure) for measure in measures}
     whole = partial(of_band, (100.0, 0.49 * rate_hz))
-    return x, {"stated": partial(of_band, stated_hz), **chosen, "bank": of_bank, "all frequencies": whole}
+    return x, {
+        "stated": partial(of_band, stated_hz),
+        "`choose_band`": of_chosen,
+        "bank": of_bank,
+        "all frequencies": whole,
+    }
 
 
 def with_and_without(number: int, severity: float) -> Iterator[tuple[Floats, dict[str, Callable[[], float]]]]:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, checked, choice, positive
+from signals._validation import Array, checked, positive
 from signals.demodulation.kurtogram import NEGENTROPY_SCATTER, NOISE_NEGENTROPY, Kurtogram, fast_kurtogram
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-Measure = Literal["steady_kurtosis", "kurtosis", "envelope_negentropy"]
-
-RUNNERS_UP = 3
 _SIGNIFICANT = 5.0  # standard deviations of noise; any of 444 bands exceeds it in one noise record in several hundred
 
 
@@ -49,8 +46,6 @@ class Band(Candidate):
     ----------
     low_hz, high_hz, level, kurtosis, steady_kurtosis, envelope_negentropy, noise_std, power_share : float
         As in `Kurtogram`, for this band.
-    measure : str
-        The measure that was maximised.
     runners_up : tuple of Candidate
         The next best bands that overlap neither this one nor each other, at most three.
     by_kurtosis, by_negentropy : Candidate
@@ -69,7 +64,6 @@ class Band(Candidate):
     'This may be stationary noise'
     """
 
-    measure: Measure
     runners_up: tuple[Candidate, ...]
     by_kurtosis: Candidate
     by_negentropy: Candidate
@@ -82,13 +76,11 @@ def choose_band(
     x: ArrayLike,
     *,
     rate_hz: float,
-    levels: int | None = None,
     modulation_hz: float | None = None,
-    measure: Measure = "steady_kurtosis",
 ) -> Band:
     """Choose the band of a record with the strongest repeated impulses.
 
-    By default that is the band of the highest steady kurtosis, the kurtosis of the record without the two sixteenths of
+    That is the band of the highest steady kurtosis, the kurtosis of the record without the two sixteenths of
     largest fourth moment. Unlike plain kurtosis it is not raised by a single spike, and a tone lowers it only in its
     own bands. The negentropy of the squared envelope spectrum measures whether the impulses are *periodic*; where the
     measures disagree, `Band.doubts` says so.
@@ -99,13 +91,9 @@ def choose_band(
         Samples, any unit.
     rate_hz : float
         Sampling rate in Hz.
-    levels : int, optional
-        As in `fast_kurtogram`.
     modulation_hz : float, optional
         Smallest width of the band in Hz: the fastest modulation of interest, such as three times a defect frequency.
         Default: no limit.
-    measure : {"steady_kurtosis", "kurtosis", "envelope_negentropy"}
-        Measure to maximise.
 
     Returns
     -------
@@ -128,8 +116,7 @@ def choose_band(
     >>> band.low_hz <= 3000 <= band.high_hz, band.doubts
     (True, ())
     """
-    choice(measure, name="measure", choices=get_args(Measure))
-    gram = fast_kurtogram(x, rate_hz=rate_hz, levels=levels, with_negentropy=True)
+    gram = fast_kurtogram(x, rate_hz=rate_hz, with_negentropy=True)
     least = 0.0 if modulation_hz is None else positive(modulation_hz, name="modulation_hz")
     # tolerance of 1e-9, since widths are quotients of the rate
     allowed = ((gram.high_hz - gram.low_hz) * (1 + 1e-9) >= least) & np.isfinite(gram.kurtosis)
@@ -138,21 +125,19 @@ def choose_band(
             f"modulation_hz={least:g} is wider than every band that holds power (at most {gram.high_hz[0]:g} Hz); "
             "lower it, or sample faster."
         )
-    ranks = {
-        name: np.flatnonzero(allowed)[np.argsort(-_column(gram, name)[allowed], kind="stable")]
-        for name in get_args(Measure)
-    }
-    order = ranks[measure]
+    order, first_by_kurtosis, first_by_negentropy = (
+        np.flatnonzero(allowed)[np.argsort(-_column(gram, measure)[allowed], kind="stable")]
+        for measure in ("steady_kurtosis", "kurtosis", "envelope_negentropy")
+    )
     best = _candidate(gram, order[0])
-    by_kurtosis, by_negentropy = (_candidate(gram, ranks[name][0]) for name in ("kurtosis", "envelope_negentropy"))
+    by_kurtosis, by_negentropy = _candidate(gram, first_by_kurtosis[0]), _candidate(gram, first_by_negentropy[0])
     lines = float(gram.envelope_lines[order[0]])
     return Band(
         **vars(best),
-        measure=measure,
         runners_up=_apart(gram, order),
         by_kurtosis=by_kurtosis,
         by_negentropy=by_negentropy,
-        why=_why(best, by_kurtosis, measure=measure, bands=int(allowed.sum())),
+        why=_why(best, by_kurtosis, bands=int(allowed.sum())),
         doubts=(*_about_choice(best, lines=lines), *_about_others(gram, allowed, best, by_negentropy)),
     )
 
@@ -172,25 +157,23 @@ def _apart(gram: Kurtogram, order: NDArray[np.intp]) -> tuple[Candidate, ...]:
     for index in order[1:]:
         if all(high[index] <= low[t] or low[index] >= high[t] for t in chosen):
             chosen.append(int(index))
-        if len(chosen) > RUNNERS_UP:
+        if len(chosen) > 3:  # noqa: PLR2004 - the first and three others
             break
     return tuple(_candidate(gram, index) for index in chosen[1:])
 
 
-def _why(best: Candidate, by_kurtosis: Candidate, *, measure: Measure, bands: int) -> str:
+def _why(best: Candidate, by_kurtosis: Candidate, *, bands: int) -> str:
     """Return the reason for the choice as a sentence."""
-    words = measure.replace("_", " ")
-    reason = f"{best}: its {words} of {getattr(best, measure):.3g} is the highest of {bands} bands"
-    if measure == "steady_kurtosis":
+    reason = (
+        f"{best}: its steady kurtosis of {best.steady_kurtosis:.3g} is the highest of {bands} bands "
+        f"(standard deviation in noise: {best.noise_std:.2g}; excludes the loudest two sixteenths of the record, with "
+        f"which it is {best.kurtosis:.3g})"
+    )
+    if by_kurtosis.band_hz != best.band_hz:
         reason += (
-            f" (standard deviation in noise: {best.noise_std:.2g}; excludes the loudest two sixteenths of the record, "
-            f"with which it is {best.kurtosis:.3g})"
+            f". Plain kurtosis would choose {by_kurtosis} with {by_kurtosis.kurtosis:.3g}, of which "
+            f"{by_kurtosis.steady_kurtosis:.3g} remains without those two parts"
         )
-        if by_kurtosis.band_hz != best.band_hz:
-            reason += (
-                f". Plain kurtosis would choose {by_kurtosis} with {by_kurtosis.kurtosis:.3g}, of which "
-                f"{by_kurtosis.steady_kurtosis:.3g} remains without those two parts"
-            )
     return reason + "."
 
 

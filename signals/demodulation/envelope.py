@@ -1,4 +1,4 @@
-"""Envelope of a frequency band, of a whole record or of a stream, and its spectrum."""
+"""Envelope of a frequency band, and its spectrum."""
 
 from __future__ import annotations
 
@@ -12,28 +12,25 @@ from scipy import fft
 from scipy.ndimage import convolve1d
 
 from signals._transforms import forget_plans, transform_of
-from signals._validation import Array, Samples, checked, positive, real_samples, real_vector
+from signals._validation import Samples, checked, positive, real_samples, real_vector
 from signals.resampling.resampling import angular_resample
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum, averaged_spectrum, order_spectrum
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
     from signals.resampling.resampling import AngularSignal
     from signals.shaft.phase import ShaftPhase
 
-_ATTENUATION_DB = 80.0
-_MOST_TAPS = 2**18  # smallest transition, as its reciprocal in samples: 2.6 times as many taps, 200 MB at work
-
 
 def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> Samples:
     """Return the magnitude of the analytic signal of one band, (n,), in the unit of `x`.
 
     The mean is removed and the band is selected with sharp edges in the Fourier transform of the whole record, which is
-    taken as periodic. `stream_envelope` needs memory only for its filter. float32 samples are processed in single
-    precision, with an error below 1e-6 of the RMS of the record.
+    taken as periodic. float32 samples are processed in single precision, with an error below 1e-6 of the RMS of the
+    record.
 
     Parameters
     ----------
@@ -74,118 +71,6 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> S
     imaginary = np.asarray(fft.irfft(lines, signal.size, overwrite_x=True))
     forget_plans(signal.size)
     return np.asarray(np.hypot(real, imaginary, out=real))
-
-
-@checked
-def stream_envelope(
-    blocks: Iterable[ArrayLike],
-    *,
-    rate_hz: float,
-    band_hz: tuple[float, float],
-    transition_hz: float | None = None,
-) -> Iterator[Array]:
-    """Yield the envelope of a record that arrives in blocks, with as many samples as the record, in constant memory.
-
-    The filter has linear phase and its delay is removed. Its gain is within 1e-4 of 1 in the band and below 1e-4
-    (-80 dB) beyond one transition width from either edge; an offset is removed to within rounding. Beyond its ends the
-    record is continued by the mean of its first half filter length, so that about ``2.5 / transition_hz`` seconds at
-    either end are transient.
-
-    Parameters
-    ----------
-    blocks : iterable of (n,) arrays
-        Consecutive parts of the record, of any lengths, any unit.
-    rate_hz : float
-        Sampling rate in Hz.
-    band_hz : (low, high)
-        Edges of the passband in Hz, ``0 < low < high < rate_hz / 2``.
-    transition_hz : float, optional
-        Width in Hz of the transition beyond each edge, at most the distance of the band from 0 and from half the rate.
-        Default: a quarter of the width of the band, or that distance if less.
-
-    Yields
-    ------
-    (m,) array
-
-    Raises
-    ------
-    ValueError
-        A band too close to 0 or to half the rate, a transition too wide or too narrow, no samples, or, at its block, a
-        value that is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals import stream_envelope
-    >>> x = 2 * np.cos(2 * np.pi * 100 * np.arange(4000) / 1000)
-    >>> parts = list(stream_envelope(np.split(x, 4), rate_hz=1000, band_hz=(80, 120)))
-    >>> round(float(np.concatenate(parts)[2000]), 3)
-    2.0
-    """
-    rate = positive(rate_hz, name="rate_hz")
-    low, high = _band(band_hz, rate)
-    margin = min(low, rate / 2 - high)
-    width = min((high - low) / 4, margin) if transition_hz is None else positive(transition_hz, name="transition_hz")
-    if width <= 0 or width > margin * (1 + 1e-12):
-        raise ValueError(
-            f"transition_hz={width:g} of the band ({low:g}, {high:g}) Hz must be above zero and at most {margin:g}, "
-            f"the smallest distance of the band from 0 and {rate / 2:g} Hz; narrow the transition or the band, or use "
-            "`envelope` on the whole record."
-        )
-    if width < rate / _MOST_TAPS:
-        raise ValueError(
-            f"transition_hz={width:g} requires a filter of more than {_MOST_TAPS} samples at {rate:g} Hz; give "
-            f"{rate / _MOST_TAPS:.3g} Hz or more, or a band farther from 0 and from half the rate."
-        )
-    return _filtered(blocks, _analytic_taps(low / rate, high / rate, width / rate))
-
-
-def _analytic_taps(low: float, high: float, width: float) -> NDArray[np.complex128]:
-    """Return a Kaiser-windowed complex band-pass of gain 2 from `low` to `high` (cycles per sample), (taps,)."""
-    beta = 0.1102 * (_ATTENUATION_DB - 8.7)  # Kaiser's design formulas, here and for the number of taps
-    half = int(np.ceil((_ATTENUATION_DB - 7.95) / (2.285 * 2 * np.pi * width) / 2))
-    place = np.arange(-half, half + 1)
-    weights = np.kaiser(place.size, beta)
-    wide, middle = high - low + width, (high + low) / 2
-    taps = wide * np.sinc(wide * place) * weights * np.exp(2j * np.pi * middle * place)
-    taps -= taps.sum() / weights.sum() * weights  # gain exactly zero at zero frequency
-    return np.asarray(2 * taps, dtype=np.complex128)
-
-
-def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iterator[Array]:
-    """Yield ``|taps * x|`` by overlap-save, without the delay of half the taps."""
-    order = taps.size - 1
-    size = fft.next_fast_len(max(8 * taps.size, 2**14))  # 2**14 samples transformed at a time
-    step = size - order
-    response = fft.fft(taps, size)
-    buffer = np.zeros(order // 2)
-    offset, seen = None, 0
-    waiting: list[Array] = []  # until the offset is known, which must not depend on the division into blocks
-
-    def convolve(values: Array) -> Array:
-        return np.abs(fft.ifft(fft.fft(values, size) * response)[order : values.size])
-
-    for block in blocks:
-        signal = real_vector(block, name="a block", minimum=0)
-        seen += signal.size
-        if offset is None:
-            waiting.append(signal)
-            if seen < order // 2:
-                continue
-            signal, waiting = np.concatenate(waiting), []
-            offset = signal[: order // 2].mean()
-        buffer = np.concatenate([buffer, signal - offset])
-        while buffer.size >= size:
-            yield convolve(buffer[:size])
-            buffer = buffer[step:]
-    if not seen:
-        raise ValueError("the record has no samples; give at least one block that is not empty.")
-    if offset is None:
-        whole_record = np.concatenate(waiting)
-        buffer = np.concatenate([buffer, whole_record - whole_record.mean()])
-    buffer = np.concatenate([buffer, np.zeros(order // 2)])
-    for first in range(0, buffer.size - order, step):
-        yield convolve(buffer[first : first + size])
 
 
 def _band(band_hz: tuple[float, float], rate: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Spectral kurtosis and the fast kurtogram, which locate the frequency bands in which a record is impulsive.
+"""The fast kurtogram, which locates the frequency bands in which a record is impulsive.
 
 The kurtosis of a band's complex envelope c is ``<|c|^4> / <|c|^2>^2 - 2``: zero for stationary Gaussian noise, positive
 for impulses, -1 for a pure tone (-s^2 for a tone with the fraction s of the band's power, the rest being noise).
@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._transforms import forget_plans, transform_of, window_of, without_mean
+from signals._transforms import forget_plans, transform_of, without_mean
 from signals._validation import Array, Samples, checked, positive, real_samples, whole
-from signals.spectra.spectra import hop_of, transformed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,124 +36,6 @@ PARTS = 16  # of the record
 NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, those of noise
 NEGENTROPY_SCATTER = 0.53  # standard deviation times sqrt(lines) for such powers (measured)
 _TAPS = {2: 48, 3: 72}
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpectralKurtosis:
-    """Kurtosis of each line of a short-time Fourier transform, unbiased for Gaussian noise.
-
-    Attributes
-    ----------
-    frequency_hz, kurtosis : (line,) arrays
-        Frequencies in Hz, and the kurtosis of the complex amplitude at each.
-    frames : int
-        Number of frames.
-    effective_frames : float
-        Number of independent frames that would give the same variance.
-    noise_std : float
-        Standard deviation of the kurtosis of each line for stationary Gaussian noise.
-    bin_width_hz, resolution_hz : float
-        Step of the frequencies, and full -3 dB width of the window, in Hz.
-    window : str
-        Name of the window in `scipy.signal`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals import spectral_kurtosis
-    >>> result = spectral_kurtosis(np.random.default_rng(1).standard_normal(20_000), rate_hz=1000, window_length=64)
-    >>> bool(np.abs(result.kurtosis).max() < 5 * result.noise_std)
-    True
-    """
-
-    frequency_hz: Array = field(metadata={"dims": ("line",), "units": "Hz"})
-    kurtosis: Array = field(metadata={"dims": ("line",), "units": "1"})
-    frames: int
-    effective_frames: float
-    noise_std: float
-    bin_width_hz: float
-    resolution_hz: float
-    window: str
-
-
-@checked
-def spectral_kurtosis(
-    x: ArrayLike, *, rate_hz: float, window_length: int, window: str = "hann", overlap: float = 0.75
-) -> SpectralKurtosis:
-    """Return the spectral kurtosis from the short-time Fourier transform (Antoni 2006).
-
-    The first two lines and the last two are left out: near 0 and half the sampling rate the window mixes positive and
-    negative frequencies, so that noise is not circular.
-
-    Parameters
-    ----------
-    x : (n,) array
-        Samples, any unit; their mean is removed.
-    rate_hz : float
-        Sampling rate in Hz.
-    window_length : int
-        Samples per frame: longer than the decay of an impulse response, shorter than the time between impulses.
-    window : str
-        A window of `scipy.signal`.
-    overlap : float
-        Fraction of a frame that the next one shares, from 0 to below 1.
-
-    Returns
-    -------
-    SpectralKurtosis
-
-    Raises
-    ------
-    ValueError
-        Too few frames, a constant signal, values that are not finite, or an overlap outside 0 to 1.
-
-    Notes
-    -----
-    For M independent frames of noise with powers p, ``(M + 1) / (M - 1) (M sum(p^2) / sum(p)^2 - 1) - 1`` has mean zero
-    (Nita & Gary 2010); for overlapping frames M is their effective number.
-
-    Examples
-    --------
-    A tone has a kurtosis of -1:
-
-    >>> import numpy as np
-    >>> from signals import spectral_kurtosis
-    >>> t = np.arange(20_000) / 1000
-    >>> x = np.sin(2 * np.pi * 250 * t) + 1e-3 * np.random.default_rng(1).standard_normal(t.size)
-    >>> result = spectral_kurtosis(x, rate_hz=1000, window_length=64)
-    >>> round(float(result.kurtosis[result.frequency_hz == 250][0]), 1)
-    -1.0
-    """
-    signal = _vibration(x, minimum=16)
-    signal = np.ldexp(signal, -int(np.frexp(np.abs(signal).max())[1]))  # fourth powers stay in range; exact
-    rate = positive(rate_hz, name="rate_hz")
-    length = whole(window_length, name="window_length", least=8, most=signal.size)
-    shape = window_of(window, length)
-    hop = hop_of(length, overlap)
-    seconds, fourths, count = np.zeros(length // 2 + 1), np.zeros(length // 2 + 1), 0
-    for lines in transformed(signal, shape, hop):
-        power = lines.real**2 + lines.imag**2
-        seconds += power.sum(axis=0)
-        fourths += np.sum(power**2, axis=0)
-        count += len(lines)
-    rho = shape.overlap_correlation(hop)[: count - 1]
-    # to first order the estimate is linear in the second Laguerre polynomial of p, whose correlation is rho^4
-    effective = count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**4))
-    if effective < 2:  # noqa: PLR2004
-        raise ValueError(
-            f"{count} windows of {length} samples are too few for a kurtosis; shorten the window, or record longer."
-        )
-    ratio = count * fourths[2:-2] / np.where(seconds[2:-2] > 0, seconds[2:-2], np.nan) ** 2
-    return SpectralKurtosis(
-        frequency_hz=np.arange(2, length // 2 - 1, dtype=np.float64) * (rate / length),
-        kurtosis=(effective + 1) / (effective - 1) * (ratio - 1) - 1,
-        frames=count,
-        effective_frames=float(effective),
-        noise_std=float(2 / np.sqrt(effective)),
-        bin_width_hz=rate / length,
-        resolution_hz=shape.width_bins * rate / length,
-        window=window,
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

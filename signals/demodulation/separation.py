@@ -134,79 +134,6 @@ class CepstrumPrewhitening(SeparatedSignal):
     silent_lines: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class PredictionOrders:
-    """Prediction errors of autoregressive models of every order up to a limit.
-
-    Attributes
-    ----------
-    order : int
-        The order of smallest `aic`.
-    variance : (order,) array
-        Variance of the prediction error over that of the record, starting at order 0.
-    aic : (order,) array
-        Akaike's information criterion, ``n log(variance) + 2 order``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals import prediction_orders
-    >>> prediction_orders(np.random.default_rng(1).standard_normal(256), most=5).variance.shape
-    (6,)
-    """
-
-    order: int
-    variance: Array = field(metadata={"dims": ("order",), "units": "1"})
-    aic: Array = field(metadata={"dims": ("order",), "units": "1"})
-
-
-@checked
-def prediction_orders(x: ArrayLike, *, most: int) -> PredictionOrders:
-    """Choose the order of an autoregressive model by Akaike's criterion (1974, IEEE Trans. Autom. Control 19, 716-723).
-
-    All orders come from one Levinson-Durbin recursion over the autocorrelation of the record. The criterion concerns
-    prediction only; to keep the impulses of a bearing out of the model, the order must be below their spacing in
-    samples.
-
-    Parameters
-    ----------
-    x : (n,) array
-        Samples, any unit.
-    most : int
-        Highest order considered, less than n / 2.
-
-    Returns
-    -------
-    PredictionOrders
-
-    Raises
-    ------
-    ValueError
-        A limit below 1 or not below n / 2, or values that are not finite.
-
-    Examples
-    --------
-    An autoregressive process of order 2, whose prediction error has 0.2 of its variance:
-
-    >>> import numpy as np
-    >>> from scipy.signal import lfilter
-    >>> from signals import prediction_orders
-    >>> x = lfilter([1.0], [1.0, -1.2, 0.8], np.random.default_rng(4).standard_normal(4000))
-    >>> round(float(prediction_orders(x, most=8).variance[2]), 1)
-    0.2
-    """
-    signal, _ = _centred(x)
-    lags = _autocorrelation(signal, whole(most, name="most", least=1, most=max(1, (signal.size - 1) // 2)))
-    variance = np.ones(lags.size)
-    model = np.zeros(0)
-    for order in range(1, lags.size) if lags[0] > 0 else ():
-        reflection = (lags[order] - model @ lags[order - 1 : 0 : -1]) / variance[order - 1]
-        model = np.append(model - reflection * model[::-1], reflection)
-        variance[order] = max(variance[order - 1] * (1 - reflection**2), np.finfo(float).tiny)
-    aic = np.asarray(signal.size * np.log(variance) + 2 * np.arange(lags.size), dtype=np.float64)
-    return PredictionOrders(order=int(np.argmin(aic)), variance=variance, aic=aic)
-
-
 @checked
 def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
     """Separate a record by linear prediction, solving the Yule-Walker equations by Levinson's recursion.
@@ -221,7 +148,7 @@ def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
     x : (n,) array
         Samples, any unit; their mean is part of the deterministic part.
     order : int
-        Order of the model, at least 1 and below n / 2; see `prediction_orders`.
+        Order of the model, at least 1 and below n / 2.
 
     Returns
     -------

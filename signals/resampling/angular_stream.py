@@ -5,12 +5,11 @@ The record is processed in chunks counted from its first sample, so that the blo
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, Missing, checked, choice, number, positive, samples, whole
+from signals._validation import Array, Missing, choice, number, positive, samples, whole
 from signals.resampling._engine import FEWEST, METHODS, Flags, Method, Warp
 from signals.resampling.resampling import (
     AngularSignal,
@@ -23,8 +22,6 @@ from signals.resampling.resampling import (
 from signals.shaft.phase import refuse_rest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from numpy.typing import ArrayLike
 
     from signals.shaft.phase import ShaftPhase
@@ -151,95 +148,3 @@ class AngularStream:
             passband_orders=self._passband,
             unsettled=unsettled(beyond[:size]),
         )
-
-
-@checked
-def angular_blocks(
-    blocks: Iterable[ArrayLike],
-    *,
-    rate_hz: float,
-    phase: ShaftPhase,
-    samples_per_rev: int,
-    start_s: float = 0.0,
-    method: Method = "sinc",
-    missing: Missing = "refuse",
-    block_size: int | None = None,
-) -> Iterator[AngularSignal]:
-    """Resample a record that arrives in blocks; yield blocks of whole revolutions, or of `block_size` values.
-
-    Parameters
-    ----------
-    blocks : iterable of (n,) arrays
-        Consecutive parts of the record, of any lengths.
-    rate_hz, phase, samples_per_rev, start_s, method, missing
-        As in `angular_resample`.
-    block_size : int, optional
-        Number of values per block; the last block may have fewer, and ``start_rev`` need not be a whole revolution.
-        Default: as many whole revolutions as are complete. The values are the same either way.
-
-    Yields
-    ------
-    AngularSignal
-
-    Raises
-    ------
-    ValueError
-        As `AngularStream`, its `push` and `finish`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals import angular_blocks, constant_speed
-    >>> phase = constant_speed(10.0, start_s=0.0, stop_s=2.0)
-    >>> blocks = np.split(np.ones(2100), 7)
-    >>> turns = angular_blocks(blocks, rate_hz=1000, phase=phase, samples_per_rev=64, block_size=500)
-    >>> [block.values.size for block in turns]
-    [500, 500, 280]
-    """
-    stream = AngularStream(
-        rate_hz=rate_hz,
-        phase=phase,
-        samples_per_rev=samples_per_rev,
-        start_s=start_s,
-        method=method,
-        missing=missing,
-    )
-    signals = _resampled(stream, blocks)
-    if block_size is None:
-        yield from signals
-    else:
-        yield from _regrouped(signals, whole(block_size, name="block_size", least=1))
-
-
-def _resampled(stream: AngularStream, blocks: Iterable[ArrayLike]) -> Iterator[AngularSignal]:
-    """Yield what each block completes and what remains at the end, unless empty."""
-    for block in blocks:
-        signal = stream.push(block)
-        if signal.values.size:
-            yield signal
-    signal = stream.finish()
-    if signal.values.size:
-        yield signal
-
-
-def _regrouped(signals: Iterable[AngularSignal], size: int) -> Iterator[AngularSignal]:
-    """Yield the same values in blocks of `size`."""
-    values, beyond = np.empty(0), np.empty(0, dtype=bool)
-    previous: AngularSignal | None = None
-    for signal in signals:
-        if previous is None:
-            previous = replace(signal, values=values)
-        flags = np.zeros(signal.values.size, dtype=bool)
-        flags[: signal.unsettled[0]] = flags[flags.size - signal.unsettled[1] :] = True
-        values, beyond = np.concatenate([values, signal.values]), np.concatenate([beyond, flags])
-        while values.size >= size:
-            previous = _following(previous, values[:size], beyond[:size])
-            yield previous
-            values, beyond = values[size:], beyond[size:]
-    if previous is not None and values.size:
-        yield _following(previous, values, beyond)
-
-
-def _following(before: AngularSignal, values: Array, beyond: Flags) -> AngularSignal:
-    start = before.start_rev + before.values.size / before.samples_per_rev
-    return replace(before, values=values, start_rev=start, unsettled=unsettled(beyond))

@@ -1,11 +1,9 @@
 """Envelopes of signals whose analytic form is known, over time and over the angle of a swinging shaft."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 
-from signals.demodulation.envelope import envelope, envelope_order_spectrum, envelope_spectrum, stream_envelope
+from signals.demodulation.envelope import envelope, envelope_order_spectrum, envelope_spectrum
 from signals.shaft.phase import ShaftPhase
 from signals.spectra.spectra import amplitude_spectrum
 
@@ -69,62 +67,6 @@ class TestOverAngle:
             envelope(signal, rate_hz=rate_hz, band_hz=(8000, 10_000)), rate=rate_hz, maximum=1000
         )
         assert smeared.amplitude.max() < 0.4 * depth
-
-
-class TestStream:
-    BAND = (1500.0, 2500.0)
-    SETTLED = slice(200, -200)  # half the filter at a transition of 250 Hz: 2.5 / 250 s, 100 samples, and as many more
-
-    def streamed(self, x, sizes=None, **settings):
-        parts = [x] if sizes is None else np.split(x, np.cumsum(sizes))
-        settings = {"rate_hz": RATE_HZ, "band_hz": self.BAND} | settings
-        return np.concatenate(list(stream_envelope(parts, **settings)))
-
-    @pytest.mark.parametrize("depth", [0.0, 0.9])
-    def test_amplitude_modulation(self, depth):
-        modulation = 1 + depth * cosine(37.3, 0.8)
-        found = self.streamed(2.5 * modulation * cosine(2000.7, 1.1))
-        assert found.size == TIMES.size
-        # 80 dB: 1e-4 of each of the three lines and of their three images
-        np.testing.assert_allclose(found[self.SETTLED], 2.5 * modulation[self.SETTLED], rtol=0, atol=2.5 * 3e-4)
-
-    @pytest.mark.parametrize("frequency", [1500.0, 1700.0, 2499.0])
-    def test_passes_its_band_within_the_stated_error(self, frequency):
-        # ripple and image, 1e-4 each
-        np.testing.assert_allclose(self.streamed(cosine(frequency))[self.SETTLED], 1, rtol=0, atol=2e-4)
-
-    @pytest.mark.parametrize("frequency", [60.0, 1250.0, 2750.0, 4000.0])
-    def test_stops_beyond_its_transitions(self, frequency):
-        # 1e-4 of the line and 1e-4 of its image, of gain 2 and half the height
-        assert self.streamed(cosine(frequency))[self.SETTLED].max() < 2e-4
-
-    def test_memory_does_not_grow_with_the_record(self):
-        def blocks(count):
-            rng = np.random.default_rng(0)
-            for _ in range(count):
-                yield rng.standard_normal(10_000)
-
-        peaks = []
-        for count in (5, 100):
-            tracemalloc.start()
-            assert (
-                sum(e.size for e in stream_envelope(blocks(count), rate_hz=RATE_HZ, band_hz=self.BAND))
-                == count * 10_000
-            )
-            peaks.append(tracemalloc.get_traced_memory()[1])
-            tracemalloc.stop()
-        assert peaks[1] < 1.2 * peaks[0]
-
-    @pytest.mark.parametrize(
-        ("changes", "words"),
-        [
-            ({"band_hz": (0.0, 2000.0)}, "at most 0, the smallest distance"),
-            ({"transition_hz": 2000.0}, "transition_hz=2000 of the band"),
-        ],
-    )
-    def test_refusals(self, changes, words):
-        with pytest.raises(ValueError, match=words):
-            self.streamed(cosine(2000), **changes)
 
 
 class TestSpectrum:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scipy.fft import next_fast_len
-from scipy.signal import ShortTimeFFT, hilbert
+from scipy.signal import hilbert
 
-from signals.demodulation.kurtogram import fast_kurtogram, spectral_kurtosis
+from signals.demodulation.kurtogram import fast_kurtogram
 
 RATE_HZ = 20_000.0
 COUNT = 200_000
@@ -125,36 +125,7 @@ class TestKurtosis:
         assert tied.envelope_negentropy[inside].min() > 1.5
 
 
-class TestSpectralKurtosis:
-    @pytest.mark.parametrize(("overlap", "window"), [(0.0, "boxcar"), (0.5, "hann"), (0.75, "boxcar")])
-    def test_of_noise(self, overlap, window):
-        found = spectral_kurtosis(NOISE, rate_hz=RATE_HZ, window_length=256, overlap=overlap, window=window)
-        score = found.kurtosis / found.noise_std
-        # 125 lines, half to all of them independent: 0.13 in the mean, 9 % in the scatter, times three
-        assert np.mean(score) == pytest.approx(0, abs=0.4)
-        assert np.std(score) == pytest.approx(1, abs=0.3)
-
-    def test_of_a_tone(self):
-        found = spectral_kurtosis(np.cos(2 * np.pi * 5000 * TIMES) + 1e-3 * NOISE, rate_hz=RATE_HZ, window_length=256)
-        assert found.kurtosis[np.argmin(np.abs(found.frequency_hz - 5000))] == pytest.approx(-1, abs=1e-3)
-
-    def test_against_the_transform_of_scipy(self):
-        x = resonance(7300.0, 150.0, every=400) + 0.1 * NOISE
-        found = spectral_kurtosis(x, rate_hz=RATE_HZ, window_length=128, overlap=0.0)
-        window = np.hanning(129)[:-1]
-        transform = ShortTimeFFT(window, hop=128, fs=RATE_HZ)
-        lines = transform.stft(x - x.mean(), p0=1, p1=1 + found.frames, k_offset=-64)
-        power = np.abs(lines[2:-2]) ** 2
-        count = found.frames
-        biased = np.mean(power**2, axis=1) / np.mean(power, axis=1) ** 2
-        # the published correction of the bias, Nita & Gary 2010, less one
-        np.testing.assert_allclose(found.kurtosis, (count + 1) / (count - 1) * (biased - 1) - 1, rtol=1e-9)
-        top = found.frequency_hz[np.argmax(found.kurtosis)]
-        assert abs(top - 7300) < 2 * found.resolution_hz
-
-
 class TestHardCases:
-    @pytest.mark.parametrize("make", [fast_kurtogram, lambda x, **k: spectral_kurtosis(x, window_length=64, **k)])
     @pytest.mark.parametrize(
         ("x", "words"),
         [
@@ -163,9 +134,9 @@ class TestHardCases:
             (np.where(np.arange(5000) == 41, np.nan, 1.0), "index 41"),
         ],
     )
-    def test_refused(self, make, x, words):
+    def test_refused(self, x, words):
         with pytest.raises(ValueError, match=words):
-            make(x, rate_hz=RATE_HZ)
+            fast_kurtogram(x, rate_hz=RATE_HZ)
 
     def test_short_records(self):
         with pytest.raises(ValueError, match="639 values; at least 640"):
@@ -173,7 +144,3 @@ class TestHardCases:
         assert fast_kurtogram(NOISE[:640], rate_hz=RATE_HZ).level.max() == 1
         with pytest.raises(ValueError, match="levels=7 must be a whole number from 1 to 2"):
             fast_kurtogram(NOISE[:1500], rate_hz=RATE_HZ, levels=7)
-        with pytest.raises(ValueError, match="1 windows of 256 samples are too few"):
-            spectral_kurtosis(NOISE[:300], rate_hz=RATE_HZ, window_length=256)
-        with pytest.raises(ValueError, match=r"overlap=1\.0"):
-            spectral_kurtosis(NOISE, rate_hz=RATE_HZ, window_length=256, overlap=1.0)

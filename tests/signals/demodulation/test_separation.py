@@ -8,7 +8,6 @@ from signals.demodulation.separation import (
     cepstrum_prewhitening,
     discrete_random_separation,
     linear_prediction,
-    prediction_orders,
 )
 
 TWO_POLES = np.array([1.6, -0.81])  # poles at 0.9 exp(+-0.475j)
@@ -58,20 +57,6 @@ class TestLinearPrediction:
         backwards = np.array([dense @ x[n + 1 : n + 7] for n in range(6)])
         np.testing.assert_allclose(found.deterministic[:6], backwards, rtol=0, atol=1e-9)
         assert (found.start, found.order) == (0, 6)
-
-
-class TestOrders:
-    def test_agrees_with_each_order_solved_alone(self):
-        x = autoregressive(np.random.default_rng(7), 3000)
-        found = prediction_orders(x, most=12)
-        x -= x.mean()
-        lags = np.array([x[k:] @ x[: x.size - k] for k in range(13)])
-        for order in range(1, 13):
-            matrix = np.array([[lags[abs(i - j)] for j in range(order)] for i in range(order)])
-            alone = 1 - np.linalg.solve(matrix, lags[1 : order + 1]) @ lags[1 : order + 1] / lags[0]
-            assert found.variance[order] == pytest.approx(alone, rel=1e-9)
-        np.testing.assert_allclose(found.aic, 3000 * np.log(found.variance) + 2 * np.arange(13))
-        assert found.order == np.argmin(found.aic)
 
 
 class TestDiscreteRandom:

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from signals.resampling.angular_stream import AngularStream, angular_blocks
+from signals.resampling.angular_stream import AngularStream
 from signals.resampling.resampling import angular_resample
 from signals.shaft.phase import ShaftPhase, constant_speed
 
@@ -27,6 +27,12 @@ def split(record, lengths):
             at += length
 
 
+def resampled(blocks, **settings):
+    """What the stream completes with each block, and what remains at its end."""
+    stream = AngularStream(**settings)
+    return [part for part in (*map(stream.push, blocks), stream.finish()) if part.values.size]
+
+
 def settings(phase, samples_per_rev, **more):
     return {"rate_hz": RATE_HZ, "phase": phase, "samples_per_rev": samples_per_rev, **more}
 
@@ -43,7 +49,7 @@ class TestAgainstTheWhole:
         record = 1e3 + np.random.default_rng(0).standard_normal(210_000)
         common = settings(pulsed_phase, samples_per_rev, start_s=0.31, method=method)
         whole = angular_resample(record, **common)
-        blocks = list(angular_blocks(split(record, lengths), **common))
+        blocks = resampled(split(record, lengths), **common)
         assert all(block.values.size % samples_per_rev == 0 for block in blocks)
         assert len(blocks) > 2
         starts = [block.start_rev for block in blocks]
@@ -53,35 +59,19 @@ class TestAgainstTheWhole:
         assert blocks[0].unsettled[0] == whole.unsettled[0]
         assert blocks[-1].unsettled[1] == whole.unsettled[1]
 
-    @pytest.mark.parametrize("block_size", [1, 1024, 70_000])
-    def test_blocks_of_any_size(self, pulsed_phase, block_size):
-        record = np.random.default_rng(1).standard_normal(3_000 if block_size == 1 else 150_000)
-        common = settings(pulsed_phase, 128)
-        whole = angular_resample(record, **common)
-        blocks = list(angular_blocks([record[:1000], record[1000:]], block_size=block_size, **common))
-        assert {block.values.size for block in blocks[:-1]} <= {block_size}
-        assert 0 < blocks[-1].values.size <= block_size
-        np.testing.assert_allclose(
-            np.concatenate([block.values for block in blocks]), whole.values, rtol=0, atol=ROUNDING
-        )
-        np.testing.assert_allclose(
-            np.concatenate([block.angle_rad for block in blocks]), whole.angle_rad, rtol=0, atol=1e-9
-        )
-        assert sum(block.unsettled[0] for block in blocks) == whole.unsettled[0]
-
     def test_gaps_are_marked_alike(self, pulsed_phase):
         record = np.random.default_rng(2).standard_normal(120_000)
         record[:10] = record[70_000:70_100] = np.nan
         common = settings(pulsed_phase, 64, missing="mark")
         whole = angular_resample(record, **common)
-        joined = np.concatenate([block.values for block in angular_blocks(split(record, [5, 999]), **common)])
+        joined = np.concatenate([block.values for block in resampled(split(record, [5, 999]), **common)])
         np.testing.assert_allclose(joined, whole.values, rtol=0, atol=ROUNDING)
         assert 0 < np.isnan(joined).sum() < joined.size / 10
 
     def test_a_record_that_starts_long_before_the_phase_is_known(self):
         phase = constant_speed(50.0, start_s=2.0, stop_s=4.0)
         t = np.arange(5 * 51_200) / RATE_HZ
-        blocks = angular_blocks(split(np.cos(2 * np.pi * 350 * t), [10_000]), **settings(phase, 64))
+        blocks = resampled(split(np.cos(2 * np.pi * 350 * t), [10_000]), **settings(phase, 64))
         joined = np.concatenate([block.values for block in blocks])
         assert joined.size == 100 * 64
         truth = np.cos(2 * np.pi * 7 * np.arange(joined.size) / 64)
