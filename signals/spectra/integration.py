@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 ISO_20816_HZ = (10.0, 1000.0)  # machines above 600 rpm
 ISO_20816_SLOW_HZ = (2.0, 1000.0)  # machines from 120 to 600 rpm
 STANDARD_GRAVITY = 9.80665  # m s-2, exact by definition
+_TAPER = 0.25  # width of the transition beyond each edge, as a fraction of it; narrow ones settle slowly
 _ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}  # derivatives of displacement
 _UNITS = {  # quantity, and factor to SI units
     "m s-2": ("acceleration", 1.0),
@@ -44,8 +45,6 @@ class Integrated:
         Sampling rate in Hz.
     low_hz, high_hz : float
         Edges in Hz of the band in which the integral is exact.
-    taper : float
-        Width of the transition beyond each edge, as a fraction of that edge.
     settling_s : float
         Duration in s of the transient at either end of the record.
 
@@ -63,7 +62,6 @@ class Integrated:
     rate_hz: float
     low_hz: float
     high_hz: float
-    taper: float
     settling_s: float
 
     @property
@@ -82,7 +80,7 @@ class Integrated:
         if not part.size:
             raise ValueError(
                 f"the record of {self.values.size / self.rate_hz:g} s holds nothing beyond the {self.settling_s:g} s "
-                "of transient at either end; record longer, raise the lower edge of the band, or widen the taper."
+                "of transient at either end; record longer, or raise the lower edge of the band."
             )
         return float(np.sqrt(np.mean(part * part, dtype=np.float64)))
 
@@ -93,9 +91,7 @@ def velocity(
     *,
     rate_hz: float,
     units: str,
-    to: str = "mm s-1",
     band_hz: tuple[float, float] = ISO_20816_HZ,
-    taper: float = 0.25,
     transform: NDArray[np.complexfloating] | None = None,
     reduced: bool = False,
 ) -> Integrated:
@@ -109,12 +105,9 @@ def velocity(
         Sampling rate in Hz.
     units : str
         Unit of `x`: ``m s-2``, ``mm s-2``, ``g`` (9.80665 m/s2), ``m s-1`` or ``mm s-1``.
-    to : str
-        Unit of the result: ``mm s-1`` or ``m s-1``.
     band_hz : (low, high)
         Band in Hz. Default 10 to 1000 Hz (ISO 20816-1 and -3); from 2 Hz for machines below 600 rpm.
-    taper : float
-        Width of the smooth transition beyond each edge, as a fraction of that edge. Narrow transitions settle slowly.
+        Beyond each edge follows a smooth transition of a quarter of that edge.
     transform : (n // 2 + 1,) array, optional
         Fourier transform of the record without its mean (`scipy.fft.rfft`), if known.
     reduced : bool
@@ -148,15 +141,7 @@ def velocity(
     2.251
     """
     return _integrate(
-        x,
-        rate_hz=rate_hz,
-        units=units,
-        to=to,
-        quantity="velocity",
-        band_hz=band_hz,
-        taper=taper,
-        transform=transform,
-        reduced=reduced,
+        x, rate_hz=rate_hz, units=units, to="mm s-1", band_hz=band_hz, transform=transform, reduced=reduced
     )
 
 
@@ -194,24 +179,16 @@ def line_velocity(amplitude: float, *, frequency_hz: float, units: str) -> float
 
 @checked
 def displacement(
-    x: ArrayLike,
-    *,
-    rate_hz: float,
-    units: str,
-    to: str = "um",
-    band_hz: tuple[float, float] = ISO_20816_HZ,
-    taper: float = 0.25,
+    x: ArrayLike, *, rate_hz: float, units: str, band_hz: tuple[float, float] = ISO_20816_HZ
 ) -> Integrated:
     """Integrate acceleration twice, or velocity once, to displacement within a band.
 
     Parameters
     ----------
-    x, rate_hz, band_hz, taper
+    x, rate_hz, band_hz
         As in `velocity`.
     units : str
         Unit of `x`: as in `velocity`, or ``m``, ``mm`` or ``um``.
-    to : str
-        Unit of the result: ``um``, ``mm`` or ``m``.
 
     Returns
     -------
@@ -232,7 +209,7 @@ def displacement(
     >>> round(displacement(x, rate_hz=5000, units="mm s-1").rms, 3)
     2.251
     """
-    return _integrate(x, rate_hz=rate_hz, units=units, to=to, quantity="displacement", band_hz=band_hz, taper=taper)
+    return _integrate(x, rate_hz=rate_hz, units=units, to="um", band_hz=band_hz)
 
 
 def _integrate(
@@ -241,25 +218,23 @@ def _integrate(
     rate_hz: float,
     units: str,
     to: str,
-    quantity: str,
     band_hz: tuple[float, float],
-    taper: float,
     transform: NDArray[np.complexfloating] | None = None,
     reduced: bool = False,
 ) -> Integrated:
-    """Return the record integrated to `quantity` by division by ``j 2 pi f``."""
+    """Return the record integrated to a unit by division by ``j 2 pi f``."""
     signal = real_samples(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
-    choice(to, name="to", choices=[unit for unit, (of, _) in _UNITS.items() if of == quantity])
+    quantity, result_scale = _UNITS[to]
     least = _ORDER[quantity]
     choice(units, name="units", choices=[unit for unit, (of, _) in _UNITS.items() if _ORDER[of] >= least])
-    low, high, taper = _checked_band(band_hz, taper, rate=rate, duration_s=signal.size / rate)
-    (given, scale), (_, result_scale) = _UNITS[units], _UNITS[to]
+    low, high = _checked_band(band_hz, rate=rate, duration_s=signal.size / rate)
+    given, scale = _UNITS[units]
     transform = transform_of(signal, transform)
     step = rate / signal.size
-    first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, transform.size)
+    first, stop = int(low * (1 - _TAPER) / step) + 1, min(int(high * (1 + _TAPER) / step) + 1, transform.size)
     frequency = np.arange(first, stop, dtype=np.float64) * step
-    gain = _band_gain(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
+    gain = _band_gain(frequency, low, high) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
     # a reduced result has 4 samples per cycle of the highest frequency
     size = min(signal.size, fft.next_fast_len(4 * stop, real=True)) if reduced else signal.size
     lines = np.zeros(size // 2 + 1, dtype=transform.dtype)  # the gain is zero elsewhere
@@ -273,37 +248,31 @@ def _integrate(
         rate_hz=rate * size / signal.size,
         low_hz=low,
         high_hz=high,
-        taper=taper,
-        settling_s=3.0 / (taper * low),
+        settling_s=3.0 / (_TAPER * low),
     )
 
 
-def _checked_band(
-    band_hz: tuple[float, float], taper: float, *, rate: float, duration_s: float
-) -> tuple[float, float, float]:
-    """Return both edges in Hz and the taper, or raise where the record cannot resolve them."""
+def _checked_band(band_hz: tuple[float, float], *, rate: float, duration_s: float) -> tuple[float, float]:
+    """Return both edges in Hz, or raise where the record cannot resolve them."""
     low, high = (number(edge, name="an edge of band_hz") for edge in band_hz)
     if not 0 < low < high <= rate / 2:
         raise ValueError(
             f"band_hz = ({low:g}, {high:g}) must rise and lie above 0 and up to {rate / 2:g} Hz, half the sampling "
             "rate."
         )
-    taper = positive(taper, name="taper")
-    if taper > 1:
-        raise ValueError(f"taper={taper:g} must be at most 1, where the lower transition reaches down to 0 Hz.")
-    if taper * low * duration_s < 1:
+    if _TAPER * low * duration_s < 1:
         raise ValueError(
-            f"band_hz starts at {low:g} Hz with a taper of {taper * low:.3g} Hz, narrower than the "
+            f"band_hz starts at {low:g} Hz with a taper of {_TAPER * low:.3g} Hz, narrower than the "
             f"{1 / duration_s:.3g} Hz resolved by a record of {duration_s:.3g} s; record at least "
-            f"{1 / (taper * low):.3g} s, raise the lower edge, or widen the taper."
+            f"{1 / (_TAPER * low):.3g} s, or raise the lower edge."
         )
-    return low, high, taper
+    return low, high
 
 
-def _band_gain(frequency: Array, low: float, high: float, taper: float) -> Array:
+def _band_gain(frequency: Array, low: float, high: float) -> Array:
     """Return the gain (lines,): 1 in the band, 0 beyond smooth transitions, which keep the transient short."""
-    below = np.clip((frequency / low - 1) / taper + 1, 0, 1)
-    above = np.clip((1 - frequency / high) / taper + 1, 0, 1)
+    below = np.clip((frequency / low - 1) / _TAPER + 1, 0, 1)
+    above = np.clip((1 - frequency / high) / _TAPER + 1, 0, 1)
     return _smooth_step(below) * _smooth_step(above)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from signals._transforms import window_of, without_mean
-from signals._validation import Array, checked, choice, real_vector, whole
-from signals.spectra.spectra import Scaling, hop_of, last_order, scaled_power, transformed
+from signals._validation import Array, checked, real_vector, whole
+from signals.spectra.spectra import hop_of, last_order, scaled_power, transformed
 
 if TYPE_CHECKING:
     from signals.resampling.resampling import AngularSignal
@@ -32,17 +32,13 @@ class OrderMap:
     time_s, speed_hz : (row,) arrays or None
         Time in s and speed in Hz at that angle; None without a phase.
     value : (row, order) array
-        Peak or RMS amplitude, or density, according to `scaling`.
+        Peak amplitude.
     phase_rad : (row, order) array
         Phase in rad at the tachometer's datum.
-    scaling : {"peak", "rms", "density"}
-        Meaning of `value`.
     turns : int
         Revolutions per segment.
     bin_width, resolution, noise_bandwidth : float
-        Reciprocal of `turns`, full -3 dB width and equivalent noise bandwidth of the window, in orders.
-    window : str
-        Name of the window in `scipy.signal`.
+        Reciprocal of `turns`, full -3 dB width and equivalent noise bandwidth of the Hann window, in orders.
 
     Examples
     --------
@@ -58,14 +54,12 @@ class OrderMap:
     revolution: Array = field(metadata={"dims": ("row",), "units": "rev"})
     time_s: Array | None = field(metadata={"dims": ("row",), "units": "s"})
     speed_hz: Array | None = field(metadata={"dims": ("row",), "units": "Hz"})
-    value: Array = field(metadata={"dims": ("row", "order"), "units": "as the record, or squared per order"})
+    value: Array = field(metadata={"dims": ("row", "order"), "units": "as the record, peak"})
     phase_rad: Array = field(metadata={"dims": ("row", "order"), "units": "rad"})
-    scaling: Scaling
     turns: int
     bin_width: float
     resolution: float
     noise_bandwidth: float
-    window: str
 
 
 @checked
@@ -74,8 +68,6 @@ def map_orders(
     *,
     revolutions: int,
     overlap: float = 0.5,
-    window: str = "hann",
-    scaling: Scaling = "peak",
     max_order: float | None = None,
     phase: ShaftPhase | None = None,
 ) -> OrderMap:
@@ -89,10 +81,6 @@ def map_orders(
         Revolutions per segment; the resolution with the Hann window is about ``1.44 / revolutions``.
     overlap : float
         Fraction of a segment that the next one shares, from 0 to below 1.
-    window : str
-        A window of `scipy.signal`.
-    scaling : {"peak", "rms", "density"}
-        Peak or RMS amplitude of a line, or power density per order.
     max_order : float, optional
         Highest order of the map; default and upper limit: the passband of the signal.
     phase : ShaftPhase, optional
@@ -105,8 +93,8 @@ def map_orders(
     Raises
     ------
     ValueError
-        More revolutions per segment than the signal has, an overlap outside 0 to 1, an unknown window or scaling, or
-        revolutions outside the phase.
+        More revolutions per segment than the signal has, an overlap outside 0 to 1, or revolutions outside the
+        phase.
 
     Examples
     --------
@@ -122,9 +110,8 @@ def map_orders(
     (True, True)
     """
     turns = whole(revolutions, name="revolutions", least=1, most=signal.revolutions)
-    choice(scaling, name="scaling", choices=get_args(Scaling))
     rate, length = signal.samples_per_rev, turns * signal.samples_per_rev
-    shape, hop = window_of(window, length), hop_of(length, overlap)
+    shape, hop = window_of("hann", length), hop_of(length, overlap)
     order = np.arange(length // 2 + 1) / turns
     kept = int(np.searchsorted(order, last_order(signal, max_order), side="right"))
     values = real_vector(signal.values, name="the signal", minimum=4)
@@ -137,12 +124,10 @@ def map_orders(
         revolution=middle,
         time_s=times,
         speed_hz=None if phase is None or times is None else phase.speed_hz(times),
-        value=scaled_power(np.abs(lines) ** 2, shape, rate=rate, scaling=scaling),
+        value=scaled_power(np.abs(lines) ** 2, shape, rate=rate, scaling="peak"),
         phase_rad=np.angle(lines * np.exp(-2j * np.pi * np.mod(np.outer(start, order[:kept]), 1.0))),
-        scaling=scaling,
         turns=turns,
         bin_width=1 / turns,
         resolution=shape.width_bins / turns,
         noise_bandwidth=shape.noise_bandwidth_bins / turns,
-        window=window,
     )

@@ -200,17 +200,13 @@ def _phasors(turns: float, count: int) -> NDArray[np.complex128]:
 
 
 @checked
-def order_spectrum(
-    signal: AngularSignal, *, window: str = "hann", padding: int = PADDING, max_order: float | None = None
-) -> AmplitudeSpectrum:
+def order_spectrum(signal: AngularSignal, *, max_order: float | None = None) -> AmplitudeSpectrum:
     """Return the peak amplitude spectrum of an angular signal over orders, up to its passband.
 
     Parameters
     ----------
     signal : AngularSignal
         Samples over the angle of the shaft; its mean is removed.
-    window, padding
-        As in `amplitude_spectrum`.
     max_order : float, optional
         End of the axis; default and upper limit: the passband of the signal.
 
@@ -234,14 +230,12 @@ def order_spectrum(
     >>> round(float(np.interp(21, spectrum.axis, spectrum.amplitude)), 6), bool(spectrum.axis[-1] <= 56)
     (3.0, True)
     """
-    return order_spectra([signal], window=window, padding=padding, max_order=max_order)[0]
+    return order_spectra([signal], max_order=max_order)[0]
 
 
 def order_spectra(
     signals: Sequence[AngularSignal],
     *,
-    window: str = "hann",
-    padding: int = PADDING,
     max_order: float | None = None,
     single: bool = False,
 ) -> list[AmplitudeSpectrum]:
@@ -251,7 +245,7 @@ def order_spectra(
     ----------
     signals : sequence of AngularSignal
         One or more, of one length, start and passband.
-    window, padding, max_order
+    max_order
         As in `order_spectrum`.
     single : bool
         Whether to transform in single precision, in half the time: the error of a line is below 1e-6 of the largest
@@ -270,8 +264,8 @@ def order_spectra(
     return _amplitude_spectra(
         [signal.values for signal in signals],
         rate=first.samples_per_rev,
-        window=window,
-        padding=padding,
+        window="hann",
+        padding=PADDING,
         maximum=last_order(first, max_order),
         start=first.start_rev,
         single=single,
@@ -292,11 +286,9 @@ class AveragedSpectrum:
     value : (line,) array
         Density, RMS or peak amplitude, according to `scaling`.
     low, high : (line,) arrays
-        Limits of the confidence interval of `value` for Gaussian noise; the interval of a line is narrower.
+        Limits of the 95 % confidence interval of `value` for Gaussian noise; the interval of a line is narrower.
     scaling : {"density", "rms", "peak"}
         Meaning of `value`.
-    confidence : float
-        Probability of the interval.
     averages : int
         Number of segments.
     degrees_of_freedom : float
@@ -320,7 +312,6 @@ class AveragedSpectrum:
     low: Array = field(metadata={"dims": ("line",), "units": "as value"})
     high: Array = field(metadata={"dims": ("line",), "units": "as value"})
     scaling: Scaling
-    confidence: float
     averages: int
     degrees_of_freedom: float
     bin_width: float
@@ -338,10 +329,8 @@ def averaged_spectrum(
     overlap: float = 0.5,
     window: str = "hann",
     scaling: Scaling = "density",
-    confidence: float = 0.95,
-    maximum: float | None = None,
 ) -> AveragedSpectrum:
-    """Return the power spectrum averaged over segments (Welch 1967), with its chi-square confidence interval.
+    """Return the power spectrum averaged over segments (Welch 1967), with its 95 % chi-square confidence interval.
 
     Parameters
     ----------
@@ -358,10 +347,6 @@ def averaged_spectrum(
         A window of `scipy.signal`.
     scaling : {"density", "rms", "peak"}
         Power density (one-sided, in units squared over the unit of the axis), or RMS or peak amplitude of a line.
-    confidence : float
-        Probability of the interval, between 0 and 1.
-    maximum : float, optional
-        End of the axis, in its unit; default: half of `rate`.
 
     Returns
     -------
@@ -370,8 +355,8 @@ def averaged_spectrum(
     Raises
     ------
     ValueError
-        A segment longer than the record, an overlap or a confidence outside 0 to 1, an unknown window or scaling, or a
-        rate or maximum that is not positive.
+        A segment longer than the record, an overlap outside 0 to 1, an unknown window or scaling, or a rate that is not
+        positive.
 
     Notes
     -----
@@ -394,8 +379,6 @@ def averaged_spectrum(
     rate = positive(rate, name="rate")
     length = whole(segment, name="segment", least=4, most=signal.size)
     choice(scaling, name="scaling", choices=get_args(Scaling))
-    if not 0 < number(confidence, name="confidence") < 1:
-        raise ValueError(f"confidence={confidence!r} must lie between 0 and 1; it is the probability of the interval.")
     shape = window_of(window, length)
     hop = hop_of(length, overlap)
     axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
@@ -406,21 +389,19 @@ def averaged_spectrum(
     rho = shape.overlap_correlation(hop)[: count - 1]
     degrees = 2 * count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**2))
     each = np.where(_real_lines(length), degrees / 2, degrees)
-    keep = slice(_end_of(axis, maximum))
     with np.errstate(over="ignore"):
         peak = power.max(initial=0.0) / rate
     if not np.isfinite(peak):
         raise ValueError(f"rate={rate:g} is so low that densities overflow; give the samples per unit of the axis.")
-    value = scaled_power(power / count, shape, rate=rate, scaling=scaling)[keep]
-    lower, upper = (_chi_square(each[keep], p) / each[keep] for p in ((1 + confidence) / 2, (1 - confidence) / 2))
+    value = scaled_power(power / count, shape, rate=rate, scaling=scaling)
+    lower, upper = (_chi_square(each, probability) / each for probability in (0.975, 0.025))
     root = 1.0 if scaling == "density" else 0.5
     return AveragedSpectrum(
-        axis=axis[keep],
+        axis=axis,
         value=value,
         low=value / lower**root,
         high=value / upper**root,
         scaling=scaling,
-        confidence=float(confidence),
         averages=count,
         degrees_of_freedom=float(degrees),
         bin_width=rate / length,

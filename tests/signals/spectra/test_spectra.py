@@ -165,12 +165,12 @@ class TestAveraged:
     def test_the_interval_holds_the_truth_as_often_as_it_says(self, overlap, window):
         hits, lines = 0, 0
         for part in self.NOISE.reshape(50, -1):
-            found = averaged_spectrum(part, rate=2.0, segment=128, overlap=overlap, window=window, confidence=0.9)
+            found = averaged_spectrum(part, rate=2.0, segment=128, overlap=overlap, window=window)
             inside = (found.low < 1) & (found.high > 1)  # white, of variance 1 and rate 2: density 1
             hits, lines = hits + int(inside[3:-3].sum()), lines + inside[3:-3].size
-        # 50 x 59 lines, a good third of them independent: 0.9 +- 0.01, times three; a sum of correlated exponentials
+        # 50 x 59 lines, a good third of them independent: 0.95 +- 0.007, times three; a sum of correlated exponentials
         # is a chi-square to about a hundredth
-        assert hits / lines == pytest.approx(0.9, abs=0.04)
+        assert hits / lines == pytest.approx(0.95, abs=0.03)
 
     def test_published_degrees_of_freedom(self):
         # Welch 1967: Hann at half overlap, rho = 1/6: 2 K / (1 + 2 (1 - 1/K) / 36), about 1.89 K
@@ -184,7 +184,6 @@ class TestAveraged:
         [
             ({"segment": 65}, "segment=65 must be a whole number from 4 to 64"),
             ({"overlap": 1.0}, "overlap=1.0 must be at least 0 and below 1"),
-            ({"confidence": 1.0}, "confidence=1.0 must lie between"),
             ({"scaling": "power"}, "scaling='power' is unknown"),
         ],
     )
