@@ -154,8 +154,7 @@ def convert(
     file = located(read_file(source, spec), spec.time_zone)
     if not spec.channels:
         raise RecordError(f"no channel of {file.path.name} is named (--channel, channels). {file.contents()}")
-    tables = [table for table in (spec.units, spec.scale) if isinstance(table, dict)]
-    for name in (name for table in tables for name in table):
+    for name in (*spec.scale, *(spec.units if isinstance(spec.units, dict) else ())):
         file.vector(name)
     if spec.time_column and (count := file.vector(spec.time_column).size) != file.vector(spec.channels[0]).size:
         raise RecordError(
@@ -308,7 +307,7 @@ def _units(source: Import, name: str) -> str:
     """Return the units of a channel, declared or stated by the file; stated units apply only at scale 1."""
     scale, declared, stated = source.spec.scale_of(name), source.spec.units_of(name), source.file.metadata(name).units
     if scale == 1:
-        remedy = f'Give the factor from "{stated}" to "{declared}", scale=..., or omit the units. '
+        remedy = f'Give the factor from "{stated}" to "{declared}", scale={{"{name}": ...}}, or omit the units. '
         return _agreed_units(source, name, declared, CANONICAL_UNITS.get, remedy)
     if stated is not None and declared is None:
         raise RecordError(

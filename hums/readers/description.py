@@ -30,10 +30,9 @@ def _units(value: object) -> Any:  # noqa: ANN401
 
 
 def _scale(value: object) -> Any:  # noqa: ANN401
-    inner = value.values() if isinstance(value, dict) else [value]
-    if all(is_float(one) and math.isfinite(one) and one != 0 for one in inner):
+    if isinstance(value, dict) and all(is_float(one) and math.isfinite(one) and one != 0 for one in value.values()):
         return value
-    raise ValueError(f"{brief(value)} is not a finite number other than zero, or a table of such numbers by channel")
+    raise ValueError(f"{brief(value)}: a table of finite numbers other than zero by channel is needed, {{ DE = 9.81 }}")
 
 
 def _average(value: object) -> AngularAverage:
@@ -60,9 +59,8 @@ class ImportDescription(Declared):
         the parts of a name are joined by dots.
     units : str, tuple of str or mapping of str to str
         Units of the channels after `scale`: one for all, one per channel in their order, or by name.
-    scale : float or mapping of str to float
-        Factor from the numbers in the file to `units`, for all channels or by name; for a .wav of integers, the value
-        at full scale.
+    scale : mapping of str to float
+        Factor from the numbers in the file to `units`, by channel; for a .wav of integers, the value at full scale.
     separator, decimal, encoding : str or None
         Of a text file: cell separator, decimal sign, and Python name of the encoding.
     header_lines : int or None
@@ -123,7 +121,7 @@ class ImportDescription(Declared):
 
     channels: tuple[str, ...] = ()
     units: Annotated[Any, PlainValidator(_units)] | None = None
-    scale: Annotated[Any, PlainValidator(_scale)] = 1.0
+    scale: Annotated[Any, PlainValidator(_scale)] = Field(default_factory=dict)
     separator: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
     encoding: str | None = None
@@ -171,7 +169,7 @@ class ImportDescription(Declared):
 
     def scale_of(self, name: str) -> float:
         """Return the factor from the numbers of a channel to its units."""
-        return float(self.scale.get(name, 1.0) if isinstance(self.scale, dict) else self.scale)
+        return float(self.scale.get(name, 1.0))
 
     def keys(self) -> dict[str, Any]:
         """Return the keys that differ from their defaults, as JSON types."""

@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, dotted, phrase_of, stated_of
+from hums.readers.columns import ArraysOnDisk, ForeignFile, dotted, phrase_of, stated_of
 from hums.readers.description import ImportDescription
-from hums.records._netcdf import objects, refuse_size
+from hums.records._netcdf import objects
 from hums.records.fields import SCHEMA, RecordError
 from hums.records.store import is_array, open_hdf5, read_array
 
@@ -20,16 +20,16 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return every array under its path, with dots for slashes, and the metadata in its and its groups' attributes.
 
     Arrays are unpacked by the CF conventions: ``scale_factor`` and ``add_offset`` are applied, and missing or invalid
-    values become NaN. Arrays are read on access. A netCDF file of version 3 is read by scipy.
+    values become NaN. Arrays are read on access.
 
     Raises
     ------
     RecordError
-        If it is neither HDF5 nor netCDF, is already a record, or refers to other files.
+        If it is not HDF5, as netCDF of version 3, is already a record, or refers to other files.
     """
     with path.open("rb") as stream:
         if stream.read(3) == b"CDF":
-            return _read_netcdf3(path, spec.most_bytes)
+            raise RecordError(f"{path} is netCDF of version 3; convert it to version 4, such as by nccopy -k nc4.")
     with open_hdf5(path) as contents:
         if contents.attrs.get("schema") == SCHEMA:
             raise RecordError(f"{path} is already a record: open it with open_record, or hums analyze.")
@@ -45,18 +45,6 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
 
     stated = {name: stated_of(own) for name, own in attributes.items()}
     return ForeignFile(path=path, fields=ArraysOnDisk(path, "an HDF5 file", described, cache(values)), stated=stated)
-
-
-def _read_netcdf3(path: Path, most_bytes: int | None) -> ForeignFile:
-    with xr.open_dataset(path, engine="scipy", decode_cf=False) as contents:
-        refuse_size(contents.nbytes, str(path), path.stat().st_size, most_bytes=most_bytes)
-        attributes = {str(name): _plain(one.attrs) for name, one in contents.variables.items()}
-        fields = dict[str, Field]()
-        for name, one in contents.variables.items():
-            values = np.atleast_1d(one.to_numpy())
-            fields[str(name)] = phrase_of(one.dtype, one.size) or _unpacked(values, attributes[str(name)])
-        attributes[""] = _plain(contents.attrs)
-    return ForeignFile(path=path, fields=fields, stated={name: stated_of(own) for name, own in attributes.items()})
 
 
 def _unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[np.generic]:

@@ -127,7 +127,7 @@ def test_a_waveform_in_the_file(classic):
 
 
 def test_scale_turns_volts_into_units(mat):
-    assert_array_equal(read(mat, scale=9.81, units="m/s^2")["vibration"], NOISE * 9.81)
+    assert_array_equal(read(mat, scale={"vibration": 9.81}, units="m/s^2")["vibration"], NOISE * 9.81)
 
 
 def test_a_channel_that_is_not_there(mat):
@@ -243,7 +243,7 @@ def test_mistakes_about_the_tachometer(mat, changes, sentence):
 def test_full_scale_of_a_wav_is_what_scale_says(tmp_path, dtype, full_scale, middle):
     wanted = np.array([-1, -0.5, 0, 0.5])
     wavfile.write(tmp_path / "a.wav", 48000, (wanted * full_scale + middle).astype(dtype))
-    record = read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None, scale=50.0)
+    record = read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None, scale={"channel 1": 50.0})
     assert_array_equal(record["channel 1"], 50 * wanted)
     assert record.attrs["rate_hz"] == 48000
 
@@ -351,7 +351,7 @@ def test_a_column_of_text(tmp_path):
 def test_truth_values_are_text(tmp_path):
     for cells in ("True\nFalse", "True\n"):  # alone, and with a blank
         path = write(tmp_path, f"state,acc\n{cells.replace(chr(10), ',1' + chr(10))},2\n")
-        assert '"state" is text, "True" in line 2' in refusal(path, channels=["state"], scale=2.0)
+        assert '"state" is text, "True" in line 2' in refusal(path, channels=["state"], scale={"state": 2.0})
 
 
 def test_two_columns_of_one_name(tmp_path):

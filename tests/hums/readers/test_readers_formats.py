@@ -102,12 +102,12 @@ def test_what_a_tdms_file_does_not_state(logged):
 def test_what_contradicts_a_tdms_file(logged):
     text = refusal(logged, channels=["Log.slow"], units="g")
     assert 'units="g" contradict log.tdms, which states "Volts"' in text
-    assert "scale=..." in text
+    assert 'scale={"Log.slow": ...}' in text
     assert convert(logged, channels=["Log.slow"], units="V", **NOMINAL)["Log.slow"].attrs["units"] == "V"
-    record = convert(logged, channels=["Log.slow"], units="g", scale=10.0, **NOMINAL)
+    record = convert(logged, channels=["Log.slow"], units="g", scale={"Log.slow": 10.0}, **NOMINAL)
     assert_array_equal(record["Log.slow"], np.float32(10) * NOISE[:100].astype(np.float32))
     assert 'states "Volts" for "Log.slow", which no longer holds after scale=10' in refusal(
-        logged, channels=["Log.slow"], scale=10.0
+        logged, channels=["Log.slow"], scale={"Log.slow": 10.0}
     )
     assert "rate_hz=48000 contradicts log.tdms" in refusal(logged, channels=["Log.Dev1.ai0"], rate_hz=48000)
     assert '"Log.late" begins 0.05 s after "Log.Dev1.ai0"' in refusal(logged, channels=["Log.Dev1.ai0", "Log.late"])
@@ -286,19 +286,20 @@ def test_what_is_no_channel_of_a_foreign_hdf5_file(foreign):
     assert "--units g" in refusal(foreign, channels=["run 1.column"], rate_hz=1000.0)
 
 
-@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
-def test_packed_values_and_times_of_a_netcdf_file(tmp_path, engine):
+def test_packed_values_and_times_of_a_netcdf_file(tmp_path):
     """As xarray writes them by the CF conventions."""
     truth = np.round(np.sin(0.3 * np.arange(500)), 3)
     truth[7] = np.nan
     packing = {"dtype": "int16", "scale_factor": 1e-3, "add_offset": 0.25, "_FillValue": -32768}
     when = np.datetime64("2026-03-01T12:00:00.5", "ns") + 40_000 * np.arange(500)
     dataset = xr.Dataset({"DE": ("time", truth, {"units": "g"})}, coords={"time": when})
-    dataset.to_netcdf(tmp_path / "a.nc", engine=engine, encoding={"DE": packing})
+    dataset.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", encoding={"DE": packing})
     record = convert(tmp_path / "a.nc", channels=["DE"], **NOMINAL)
     assert_allclose(record.DE, truth, rtol=0, atol=1e-12)
     assert (record.attrs["rate_hz"], record.attrs["recorded_at"]) == (25000.0, "2026-03-01T12:00:00.500000Z")
     assert "rate_hz=25200 contradicts" in refusal(tmp_path / "a.nc", channels=["DE"], rate_hz=25200)
+    dataset.to_netcdf(tmp_path / "b.nc", engine="scipy", encoding={"DE": packing})
+    assert "b.nc is netCDF of version 3; convert it to version 4" in refusal(tmp_path / "b.nc", channels=["DE"])
 
 
 def test_attributes_of_an_hdf5_file(tmp_path):

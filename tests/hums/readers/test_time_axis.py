@@ -172,7 +172,7 @@ def test_a_header_states_units(tmp_path, title, name, units):
 
 def test_a_name_with_slashes_and_times_in_another_struct(tmp_path):
     path = csv(tmp_path, np.arange(2000) / 8000, "time (s),DE [in/s^2]")
-    record = convert(path, channels=["DE [in/s^2]"], units="m s-2", scale=0.0254, **ANGLE)
+    record = convert(path, channels=["DE [in/s^2]"], units="m s-2", scale={"DE [in/s^2]": 0.0254}, **ANGLE)
     np.testing.assert_array_equal(record["DE [in.s^2]"], 0.0254)
     savemat(tmp_path / "log.mat", {"X": {"Data": np.arange(2000) / 8000}, "Y": {"Data": np.ones(2000)}})
     declared = {"units": "g", "time_column": "X.Data", "time_unit": "s"} | ANGLE
