@@ -1,6 +1,5 @@
 from signals.angle.averaging import CombAdvice as CombAdvice
 from signals.angle.averaging import HuntingPeriod as HuntingPeriod
-from signals.angle.averaging import RunningAverage as RunningAverage
 from signals.angle.averaging import SynchronousAverage as SynchronousAverage
 from signals.angle.averaging import comb_gain as comb_gain
 from signals.angle.averaging import hunting_period as hunting_period

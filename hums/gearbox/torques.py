@@ -58,9 +58,6 @@ class ToothLoad:
     gearing_power_w : float
         Power in W from the first gear to the second, relative to the carrier, at the driving gear. The loss of a mesh
         is a fraction of it.
-    absolute_power_w : float or None
-        The same power in W relative to the frame, at the gear that rotates about the carrier's axis. None if there is
-        no such gear (between planets), or the axis of the carrier itself moves, so that it depends on position.
     driver : str or None
         The driving gear relative to the carrier; None if no power flows.
     loss_w : float
@@ -76,7 +73,6 @@ class ToothLoad:
     torques_nm: tuple[float, float]
     carrier_torque_nm: Vector
     gearing_power_w: float
-    absolute_power_w: float | None
     driver: str | None
     loss_w: float
     forces: ToothForces | None
@@ -180,7 +176,6 @@ def tooth_load(solution: Solution, number: int) -> ToothLoad:
         torques_nm=torques_nm,
         carrier_torque_nm=reaction(zip(torques_nm, statics.directions(number), strict=True)),
         gearing_power_w=watts(flow),
-        absolute_power_w=_absolute_power(solution, number),
         driver=None if driver is None else contact.gears[driver][0],
         loss_w=abs(watts(_times(flow, 1 - statics.efficiencies[number]))) if loses else 0.0,
         forces=tooth_forces(solution, number),
@@ -198,22 +193,6 @@ def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
 def watts(power: Fraction | None) -> float:
     """Convert N m rev/s to W, None to NaN."""
     return 2 * math.pi * _float(power)
-
-
-def _absolute_power(solution: Solution, number: int) -> float | None:
-    """Return the absolute power from the first to the second gear, at a gear that rotates about the carrier's axis."""
-    statics, contact = solution.statics, solution.statics.contacts[number]
-    joints, frame = statics.kinematics.joints, statics.kinematics.mechanism.frame
-    if contact.carrier == frame:
-        return watts(solution.flow(number))
-    carrier = joints[contact.carrier]
-    if carrier.carried_by != frame:
-        return None
-    for sign, (link, teeth), factor in zip((-1, 1), contact.gears, solution.load_factors(number), strict=True):
-        body = statics.kinematics.bodies[link]
-        if body == frame or joints[body].axis == carrier.axis:
-            return watts(_times(solution.load(number), sign * teeth * factor * statics.speed(link)))
-    return None
 
 
 def _times(a: Fraction | None, b: Fraction) -> Fraction | None:

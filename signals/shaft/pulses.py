@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -19,7 +19,7 @@ _HYSTERESIS = 0.25  # of the swing, either side of the middle
 _IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals one revolution apart; random ones have 3
 _PULSES_PER_BLOCK = 2
 
-Edge = Literal["rising", "falling", "auto"]
+Edge = Literal["rising", "falling"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class PulseTrain:
     times_s: Array = field(metadata={"dims": ("pulse",), "units": "s"})
     threshold: float
     hysteresis: float
-    edge: Literal["rising", "falling"] = "rising"
+    edge: Edge = "rising"
 
 
 @checked
@@ -71,9 +71,8 @@ def pulse_times(
         Sampling rate in Hz.
     start_s : float
         Time of the first sample in s.
-    edge : {"rising", "falling", "auto"}
-        Edge that defines the pulse. "auto" chooses the steeper one, with fewer samples across the hysteresis; if
-        neither takes less than 0.8 times the samples of the other, the leading edge of the narrower level.
+    edge : {"rising", "falling"}
+        Edge that defines the pulse.
     full_scale : float, optional
         Full scale of the channel, in the unit of the waveform. A waveform that swings by less than a hundredth of it is
         hum or noise, from a shaft at rest or a disconnected sensor, and raises.
@@ -121,7 +120,7 @@ def pulse_times(
     >>> pulse_times(np.sin(2 * np.pi * 5 * t), rate_hz=1000).times_s.round(3).tolist()
     [0.2, 0.4, 0.6, 0.8]
     """
-    choice(edge, name="edge", choices=("rising", "falling", "auto"))
+    choice(edge, name="edge", choices=get_args(Edge))
     wave = real_vector(waveform, name="the tachometer waveform", minimum=3)
     rate, start = positive(rate_hz, name="rate_hz"), number(start_s, name="start_s")
     _refuse_non_waveform(wave)
@@ -129,13 +128,13 @@ def pulse_times(
         threshold=None if threshold is None else number(threshold, name="threshold"),
         hysteresis=None if hysteresis is None else positive(hysteresis, name="hysteresis"),
     )
-    wave, edge_found, found = _edges(wave, edge, levels)
-    sign = -1.0 if edge_found == "falling" else 1.0
+    sign = -1 if edge == "falling" else 1
+    found = _rising_edges(sign * wave, replace(levels, sign=sign))
     if full_scale is not None:
         _refuse_faint(found, positive(full_scale, name="full_scale"))
     times = start + found.positions / rate
     if times.size < 2:  # noqa: PLR2004
-        sense = "downwards" if edge_found == "falling" else "upwards"
+        sense = "downwards" if edge == "falling" else "upwards"
         raise ValueError(
             f"the tachometer waveform crosses {sign * found.level:.4g} {sense} {times.size} times; at "
             "least 2 pulses are needed. Check the channel and the threshold."
@@ -144,7 +143,7 @@ def pulse_times(
         times_s=times,
         threshold=sign * found.level,
         hysteresis=found.margin,
-        edge=edge_found,
+        edge=edge,
     )
 
 
@@ -191,22 +190,6 @@ class _Levels:
     threshold: float | None
     hysteresis: float | None
     sign: int = 1
-
-
-def _edges(wave: Array, edge: Edge, stated: _Levels) -> tuple[Array, Literal["rising", "falling"], _Edges]:
-    """Return the waveform (its negative for falling edges), the edge chosen, and the edges found."""
-    if edge == "falling":
-        return -wave, edge, _rising_edges(-wave, replace(stated, sign=-1))
-    rising = _rising_edges(wave, stated)
-    if edge == "rising":
-        return wave, edge, rising
-    falling = _rising_edges(-wave, replace(stated, sign=-1))
-    up = float(np.mean(rising.durations)) if rising.durations.size else np.inf
-    down = float(np.mean(falling.durations)) if falling.durations.size else np.inf
-    sharper = 0.8
-    alike = min(up, down) > sharper * max(up, down)
-    rises = bool(np.mean(wave > rising.level) <= 0.5) if alike else up < down  # noqa: PLR2004 - high for less than half
-    return (wave, "rising", rising) if rises else (-wave, "falling", falling)
 
 
 def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
