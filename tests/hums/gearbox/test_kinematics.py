@@ -5,7 +5,7 @@ from fractions import Fraction as F  # noqa: N817
 
 import numpy as np
 import pytest
-from gearboxes import STEPPED
+from gearboxes import PLANETARY, STEPPED, planetary
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,20 +17,6 @@ CORNER = {"left wheel": F(26), "right wheel": F(30)}  # rad/s
 
 def solved(table, **changes):
     return solve_kinematics(Gearbox.from_mapping({"name": "box"} | table | changes))
-
-
-def planetary(*, frame="housing", rigid=(), sun=27, planet=36, ring=99, copies=3):
-    """Sun, planets, carrier and ring about one line; nothing held but the frame."""
-    return {
-        "frame": frame,
-        "reference": "sun",
-        "rigid": rigid,
-        "axes": {
-            "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": copies},
-        },
-        "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -ring}}],
-    }
 
 
 def speed(kinematics, link, **speeds):
@@ -71,10 +57,9 @@ class TestParallel:
 class TestPlanetary:
     def test_a_planet_axis_that_points_backwards(self):
         # along the reversed axis the planet counts the other way, so both of its meshes change their signs
-        table = planetary(rigid=[["housing", "ring"]])
-        table["axes"]["planet"]["direction"] = [-1, 0, 0]
-        table["mesh"] = [{"teeth": {"sun": 27, "planet": -36}}, {"teeth": {"planet": 36, "ring": 99}}]
-        kinematics = solved(table)
+        axes = PLANETARY["axes"] | {"planet": PLANETARY["axes"]["planet"] | {"direction": [-1, 0, 0]}}
+        mesh = [{"teeth": {"sun": 27, "planet": -36}}, {"teeth": {"planet": 36, "ring": 99}}]
+        kinematics = solved(PLANETARY, axes=axes, mesh=mesh, rigid=[["housing", "ring"]])
         assert speed(kinematics, "carrier") == F(3, 14)
         assert speed(kinematics, "planet 1") == -(F(3, 14) - F(33, 56))
         np.testing.assert_allclose(kinematics.vectors().sel(link="planet 1"), [3 / 14 - 33 / 56, 0, 0], atol=1e-15)
@@ -89,7 +74,7 @@ class TestPlanetary:
     )
     def test_willis_for_any_two_speeds(self, sun, planet, copies, sun_speed, ring_speed):
         ring = sun + 2 * planet
-        kinematics = solved(planetary(sun=sun, planet=planet, ring=ring, copies=copies))
+        kinematics = solved(planetary(sun, planet, ring, copies=copies))
         assert kinematics.dof == 2
         speeds = {"sun": sun_speed, "ring": ring_speed}
         carrier = speed(kinematics, "carrier", **speeds)
@@ -139,7 +124,7 @@ def pair(a, b, **changes):
     return {"frame": "h", "reference": "a", "axes": axes, "mesh": [{"teeth": {"a": a, "b": b}}]} | changes
 
 
-HELD = planetary(rigid=[["housing", "ring"]])
+HELD = PLANETARY | {"rigid": [["housing", "ring"]]}
 
 
 @pytest.mark.parametrize(
@@ -152,7 +137,7 @@ HELD = planetary(rigid=[["housing", "ring"]])
             pair(40, 40, axes={n: {"links": ["h", n], "direction": [x, 0, 0]} for n, x in (("a", 1), ("b", -1))}),
             "has no room for",
         ),
-        (planetary(sun=60, planet=20, ring=50), "no room for planets between a sun of 60 and a ring of 50 teeth"),
+        (planetary(60, 20, 50, copies=3), "no room for planets between a sun of 60 and a ring of 50 teeth"),
         (
             pair(20, 41, bearing=[{"name": "c", "inner_ring": "a", "outer_ring": "b", "bearing": "SKF 6205-2RS JEM"}]),
             'inner_ring = "a" is on a and outer_ring = "b" on b, which are not coaxial',

@@ -70,14 +70,6 @@ def test_only_the_named_channel_is_read(tmp_path, name):
         found.vector("gone")
 
 
-def test_the_bound_can_be_raised(tmp_path):
-    with h5py.File(tmp_path / "flat.h5", "w") as file:
-        file.create_dataset("vib", data=np.zeros(10**7), chunks=(10**6,), compression="gzip")
-    with pytest.raises(RecordError, match="declares 8e"):
-        read_file(tmp_path / "flat.h5").vector("vib")
-    assert read_file(tmp_path / "flat.h5", most_bytes=10**8).vector("vib").size == 10**7
-
-
 def test_a_changed_attribute_is_seen(tmp_path, record):
     path = tmp_path / "record.h5"
     hums.save_record(record, path)

@@ -90,25 +90,15 @@ def test_an_average_lies_over_revolutions(tmp_path):
         ),
         ({"measured": {"x": Measured(values=np.ones(256), units="N")}}, "give one number"),
         ({"units": None}, "no units"),
+        ({"angle": AngularAverage(component="", samples_per_rev=128)}, "name the link"),
+        ({"angle": AngularAverage(component="a", samples_per_rev=4)}, "at least 8"),
+        ({"angle": AngularAverage(component="a", samples_per_rev=12.5)}, "whole number"),
+        ({"angle": AngularAverage(component="a", samples_per_rev=64, averaged_over=0)}, "averaged_over=0"),
     ],
 )
 def test_averages_that_are_refused(changes, said):
     with pytest.raises(RecordError, match=said):
         average(**changes)
-
-
-@pytest.mark.parametrize(
-    ("declared", "said"),
-    [
-        ({"component": "", "samples_per_rev": 128}, "name the link"),
-        ({"component": "a", "samples_per_rev": 4}, "at least 8"),
-        ({"component": "a", "samples_per_rev": 12.5}, "whole number"),
-        ({"component": "a", "samples_per_rev": 64, "averaged_over": 0}, "averaged_over=0"),
-    ],
-)
-def test_declarations_that_are_refused(declared, said):
-    with pytest.raises(RecordError, match=said):
-        make_record({"vib": np.ones(128)}, angle=AngularAverage(**declared), units="1")
 
 
 def test_an_average_has_no_speed():

@@ -71,14 +71,6 @@ def test_a_record_of_pulse_times():
     assert nominal_speed(record) is None
 
 
-def test_a_record_of_declared_speed():
-    record = build(angle=NOMINAL)
-    speed = nominal_speed(record)
-    assert float(speed) == 25.0
-    assert speed.attrs == {"units": "rev s-1", "shaft": "input", "nominal": 1}
-    assert tachometers(record) == []
-
-
 @pytest.mark.parametrize("own_rate_hz", [None, 4000.0])
 def test_a_waveform_becomes_pulses_and_is_kept(own_rate_hz):
     rate_hz, start_s, shaft_hz = own_rate_hz or RATE_HZ, 3.0, 7.3

@@ -15,7 +15,7 @@ import pytest
 import xarray as xr
 from xarray.indexes import RangeIndex
 
-from hums.records.channels import channel_values, sampling
+from hums.records.channels import channel_values
 from hums.records.fields import RecordError
 from hums.records.outputs import atomic_write
 from hums.records.quantities import AngularAverage
@@ -134,25 +134,6 @@ def test_opening_costs_no_memory_for_samples(tmp_path):
     finally:
         tracemalloc.stop()
     assert peak < 8 * count / 10  # a tenth of the samples, and of the time axis
-
-
-def test_closing_closes(written):
-    opened = open_record(written)
-    opened.close()
-    # HDF5 refuses to open for writing what is still open for reading.
-    with h5py.File(written, mode="r+"):
-        pass
-
-
-def test_a_slice_is_written_with_its_own_clock(record, tmp_path):
-    piece = record.isel(time=slice(60_000, 61_000))
-    save_record(piece, tmp_path / "piece.h5")
-    with open_record(tmp_path / "piece.h5") as opened:
-        assert sampling(opened, "case") == sampling(piece, "case")
-        assert opened.attrs["start_s"] == pytest.approx(0.5e-3 + 60_000 / 50_000)
-        assert sampling(opened, "fast").start_s == 0.5e-3
-        np.testing.assert_array_equal(opened["case"], NOISE[60_000:61_000])
-    assert piece.attrs["start_s"] == 0.5e-3
 
 
 def test_attributes_that_netcdf_lacks(tmp_path):

@@ -171,29 +171,23 @@ def paper_loses_nothing(browser, page):
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (Debian: apt-get install chromium)")
-def test_a_summary_is_printed_on_four_pages_and_the_whole_on_more(page, tmp_path):
-    copy = shutil.copy(page, tmp_path)
-    whole, path = text_of(write_pdf(copy, full=True).read_bytes()), write_pdf(copy)
-    summary = text_of(path.read_bytes())
-    assert len(PdfReader(path).pages) <= 4
-    facts = json.loads((page.parent / "summary.json").read_text())
-    for row in facts["verdicts"]:
-        assert row["component"].split("/")[-1] in summary
-    for words in ("diagnosed", "Order spectra", "Envelope spectra", "Components", "1 of", "Mill & drive"):
-        assert words in summary
-        assert words in whole
-    for words in ("Condition indicators", "Waveforms", "Kurtograms", "nominal order"):
-        assert words not in summary
-        assert words in whole
-
-
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (Debian: apt-get install chromium)")
 def test_a_summary_of_six_channels_and_forty_checks_is_printed_on_four_pages(tmp_path):
     scene = load_scene("turbine")
     analysis = analyze(simulate(scene, seed=0), scene.gearbox)
     path = write_pdf(write_report(analysis, tmp_path))
     assert len(PdfReader(path).pages) <= 4
-    assert "high speed bearing generator side, inner race" in text_of(path.read_bytes())
+    summary = text_of(path.read_bytes())
+    for words in ("high speed bearing generator side, inner race", "Order spectra", "Components", "1 of"):
+        assert words in summary
+    for words in ("Condition indicators", "Waveforms", "nominal order"):
+        assert words not in summary
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (Debian: apt-get install chromium)")
+def test_the_whole_is_printed_on_demand(page, tmp_path):
+    whole = text_of(write_pdf(shutil.copy(page, tmp_path), full=True).read_bytes())
+    for words in ("Order spectra", "Condition indicators", "Waveforms", "Kurtograms", "nominal order"):
+        assert words in whole
 
 
 def test_report_on_a_narrow_dark_screen_and_from_there_on_paper(browser, page):

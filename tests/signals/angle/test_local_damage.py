@@ -1,5 +1,7 @@
 """One damaged tooth against noise, sound teeth that differ, levels that change, and impacts at random."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -16,13 +18,14 @@ from signals.angle.residual_energies import (
 TEETH, CELLS, TURNS, BANDS = 20, 40, 64, 2
 
 
-def judged(turns, *, rotations=99, teeth=TEETH, seed=1):
+def judged(turns, *, rotations=99, teeth=TEETH, seed=1, stated=None, **fold):
     """Judge energies (band, turn, cell) of a gear that turns as the reference does."""
     bands, _, cells = turns.shape
     energies = BandEnergies(
         values=turns.reshape(bands, -1), samples_per_rev=float(cells), start_rev=0.0, edges=np.arange(bands + 1.0)
     )
-    return local_damage(folded(energies, order=1, teeth=teeth), rotations=rotations, rng=np.random.default_rng(seed))
+    folds, more = folded(energies, order=1, teeth=teeth, **fold), {} if stated is None else {"stated": stated}
+    return local_damage(folds, rotations=rotations, rng=np.random.default_rng(seed), **more)
 
 
 def noise(rng, *, turns=TURNS):
@@ -68,13 +71,8 @@ def test_the_least_rise_is_the_one_at_which_the_tooth_is_as_improbable_as_stated
     turns[:, :, 8:10] *= 6
     turns = turns[:1]  # the least rise is that in one band
     found = judged(turns)
-    energies = BandEnergies(
-        values=turns.reshape(1, -1), samples_per_rev=float(CELLS), start_rev=0.0, edges=np.arange(2.0)
-    )
-    folds = folded(energies, order=1, teeth=TEETH)
-    again = local_damage(folds, rotations=99, rng=np.random.default_rng(1), stated=found.local)
+    again, strict = (judged(turns, stated=found.local / part) for part in (1, 100))
     assert again.least_rise == pytest.approx(found.rise, rel=0.02)  # interpolated between steps of an eighth
-    strict = local_damage(folds, rotations=99, rng=np.random.default_rng(1), stated=found.local / 100)
     assert strict.least_rise > again.least_rise
 
 
@@ -107,15 +105,7 @@ def test_a_planet_that_meets_sun_and_ring_is_compared_with_its_sound_teeth():
     turns = noise(np.random.default_rng(23))
     turns[:, :, 4:6] *= 8
     turns[:, :, 24:26] *= 8  # half a turn later
-    energies = BandEnergies(
-        values=turns.reshape(BANDS, -1), samples_per_rev=float(CELLS), start_rev=0.0, edges=np.arange(BANDS + 1.0)
-    )
-    once, twice = (
-        local_damage(
-            folded(energies, order=1, teeth=TEETH, contacts=contacts), rotations=99, rng=np.random.default_rng(1)
-        )
-        for contacts in (1, 2)
-    )
+    once, twice = (judged(turns, contacts=contacts) for contacts in (1, 2))
     assert twice.outlier > 3 * once.outlier
     assert twice.local < 1e-3 < once.local
 
@@ -156,30 +146,34 @@ def test_the_level_of_a_turn_does_not_matter():
     assert changed.probability == pytest.approx(plain.probability, rel=1e-6)
 
 
-def test_modulation_once_a_turn_is_no_tooth():
-    angle = 2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
-    assert judged(noise(np.random.default_rng(5)) * (1 + 0.6 * np.cos(angle)) ** 2).probability > 0.01
+def modulated(turns):
+    """By a part of itself once a turn."""
+    turns *= (1 + 0.6 * np.cos(2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS)) ** 2
 
 
-def test_what_all_teeth_share_is_no_tooth():
-    turns = noise(np.random.default_rng(6))
+def shared(turns):
+    """By all teeth."""
     turns[:, :, ::2] *= 10
-    assert judged(turns).probability > 0.01
 
 
-@pytest.mark.parametrize("rate", [0.05, 0.5])
-def test_impacts_at_random_are_no_tooth(rate):
+def struck(turns, rate):
+    """In turns and at places at random."""
     rng = np.random.default_rng(7)
-    turns = noise(rng)
     for turn in np.flatnonzero(rng.random(TURNS) < rate):
         turns[:, turn, rng.integers(CELLS)] = 1e4
-    assert judged(turns).probability > 0.01
 
 
-def test_one_burst_of_impacts_at_one_place_is_no_tooth():
-    # in an eighth of the record alone: consistency over the blocks is part of the statistic
-    turns = noise(np.random.default_rng(8))
+def burst(turns):
+    """At one place, in an eighth of the record alone: consistency over the blocks is part of the statistic."""
     turns[:, :8, 20:22] = 1e3
+
+
+@pytest.mark.parametrize(
+    "raise_energy", [modulated, shared, partial(struck, rate=0.05), partial(struck, rate=0.5), burst]
+)
+def test_what_is_no_tooth(raise_energy):
+    turns = noise(np.random.default_rng(5))
+    raise_energy(turns)
     assert judged(turns).probability > 0.01
 
 
@@ -199,13 +193,9 @@ def test_energies_that_do_not_scatter_show_no_tooth():
 def test_samples_left_out_leave_no_tooth():
     turns = noise(np.random.default_rng(10))
     turns[:, :, 12:14] *= 6
-    energies = BandEnergies(
-        values=turns.reshape(BANDS, -1), samples_per_rev=float(CELLS), start_rev=0.0, edges=np.arange(3.0)
-    )
     keep = np.ones(turns.shape[1:], dtype=bool)
     keep[:, 11:15] = False
-    rest = folded(energies, order=1, teeth=TEETH, keep=keep.ravel())
-    assert local_damage(rest, rotations=99, rng=np.random.default_rng(0)).probability > 0.01
+    assert judged(turns, keep=keep.ravel()).probability > 0.01
 
 
 def test_too_few_turns_are_refused():

@@ -34,6 +34,10 @@ def periodic(rng, teeth, highest):
     return value
 
 
+def angular(values, per_rev):
+    return AngularSignal(values=values, samples_per_rev=per_rev, start_rev=0.0, passband_orders=0.4 * per_rev)
+
+
 def ring_sensor(teeth, revolutions, first_pass, sources, *, path, start=0.0, sun=None):
     """A sensor hears each planet through `path(carrier revolutions from its pass)`."""
     theta = start + np.arange(revolutions * teeth.ring * PER_TOOTH) / (teeth.ring * PER_TOOTH)
@@ -132,9 +136,7 @@ class TestPlanet:
         rng = np.random.default_rng(4)
         # 30 sequences of white noise under five rectangular teeth: each angle is the mean of 5 x 30 values
         count = 30 * 21 + 1
-        signal = AngularSignal(
-            values=rng.standard_normal(count * 62 * 4), samples_per_rev=62 * 4, start_rev=0.0, passband_orders=100.0
-        )
+        signal = angular(rng.standard_normal(count * 62 * 4), 62 * 4)
         average = planet_average(signal, teeth=HUNTING, planet=0, first_pass_rev=0.5, window=PassWindow.rectangular(5))
         assert average.revolutions == 30
         # 84 angles, each deviation known to 1 / sqrt(58)
@@ -150,9 +152,7 @@ class TestPlanet:
         hypothesis.assume(common <= width <= ring)
         known = periodic(np.random.default_rng(ring), planet, planet)
         theta = np.arange((teeth.planet_reset + 2) * ring * 4) / (ring * 4)
-        signal = AngularSignal(
-            values=known(ring * (theta - pass_rev)), samples_per_rev=ring * 4, start_rev=0.0, passband_orders=50.0
-        )
+        signal = angular(known(ring * (theta - pass_rev)), ring * 4)
         average = planet_average(
             signal, teeth=teeth, planet=0, first_pass_rev=pass_rev, window=PassWindow.rectangular(width)
         )
@@ -216,7 +216,7 @@ class TestToothBoundaries:
             # past the sensor is planet p, every third of a turn; its tooth of the sun is 19 p / 3 behind planet 0's
             passing = -tooth_at(turned * 3 / 62) % 3
             tooth = tooth_at(turned - 19 * passing / 3) % 19
-        signal = AngularSignal(values=tooth, samples_per_rev=per_rev, start_rev=0.0, passband_orders=100.0)
+        signal = angular(tooth, per_rev)
         if gear == "planet":
             average = planet_average(signal, teeth=HUNTING, planet=1, first_pass_rev=first_pass, window=window)
         else:
@@ -275,9 +275,7 @@ class TestPassAngle:
         rng = np.random.default_rng(10)
         theta = np.arange(400 * 248) / 248
         swing = np.sqrt(1 + 0.4 * np.cos(2 * np.pi * 3 * (theta - 0.2)))
-        signal = AngularSignal(
-            values=swing * rng.standard_normal(theta.size), samples_per_rev=248, start_rev=0.0, passband_orders=100.0
-        )
+        signal = angular(swing * rng.standard_normal(theta.size), 248)
         found = pass_angle(signal, teeth=HUNTING)
         # squares of normal values scatter by sqrt(2): a line of 1e5 of them is known to 2 / sqrt(1e5)
         assert found.modulation == pytest.approx(0.4, abs=4 * 2 / np.sqrt(theta.size))
@@ -287,14 +285,12 @@ class TestPassAngle:
 
     def test_noise_has_no_passes(self):
         rng = np.random.default_rng(11)
-        signal = AngularSignal(
-            values=rng.standard_normal(20 * 248), samples_per_rev=248, start_rev=0.0, passband_orders=100.0
-        )
+        signal = angular(rng.standard_normal(20 * 248), 248)
         with pytest.raises(ValueError, match="is not modulated by 3 planets"):
             pass_angle(signal, teeth=HUNTING)
 
     def test_one_revolution_is_no_evidence(self):
-        signal = AngularSignal(values=np.ones(248), samples_per_rev=248, start_rev=0.0, passband_orders=100.0)
+        signal = angular(np.ones(248), 248)
         with pytest.raises(ValueError, match="give at least two"):
             pass_angle(signal, teeth=HUNTING)
 

@@ -108,28 +108,6 @@ def test_a_constant_slip_is_as_sure_as_the_cramer_rao_bound():
     assert 0.67 * bound < rms(errors) < 1.33 * bound
 
 
-LINEAR = {"largest_slip": 1e-12, "slip_change_per_rev": 1e-12, "noise_variance": 0.3}
-
-
-@pytest.fixture(scope="module")
-def steady():
-    x, phase, _, _ = drawn(5, revolutions=40, samples_per_rev=48, noise=0.3, bandwidth=0.1, change=1e-12)
-    phase_slipped, turn = line(np.full(x.size, 0.004), samples_per_rev=48)
-    return x + np.cos(ORDER * phase_slipped + turn), phase
-
-
-def test_without_slip_blocks_differ_little_from_the_plain_tracker(steady):
-    x, phase = steady
-    setting = {"phase_rad": phase, "bandwidth_orders": 0.02, "samples_per_rev": 48}
-    track = track_slipping_order(x, order=ORDER, **LINEAR, **setting)
-    assert track.sample_index[1] - track.sample_index[0] > 10
-    plain = track_orders(x, orders=[ORDER, 0], noise_variance=0.3, method="exact", **setting)
-    # A block is a 200th of the memory: the walk within it, left out, is (pi / 200)^2 / 2.5 of a block's noise.
-    apart = np.abs(at_rest(track)[0] - plain.complex_amplitude[0, track.sample_index])
-    assert np.max(apart / track.std[0]) < 0.02
-    assert_allclose(track.std[0], plain.std[0, track.sample_index], rtol=2e-3)
-
-
 # The last has 26 numbers in a state, of which a block of 9 samples tells less than half.
 @pytest.mark.parametrize(
     ("harmonics", "order", "block", "blocks"), [(1, 3.3, 16, 20), (2, 3.3, 16, 20), (12, 1.3, 9, 12)]

@@ -25,15 +25,6 @@ def tone(bins, amplitude=1.0, start=0.4, count=COUNT):
 
 
 class TestAmplitude:
-    @pytest.mark.parametrize("window", HARRIS)
-    @pytest.mark.parametrize("amplitude", [1e-6, 350.0])
-    def test_a_tone_on_the_grid(self, window, amplitude):
-        spectrum = amplitude_spectrum(tone(400, amplitude), rate=RATE, window=window)
-        top = np.argmax(spectrum.amplitude)
-        assert spectrum.axis[top] == pytest.approx(400 * RATE / COUNT, rel=1e-14)
-        # the leakage of the negative frequency, 800 bins away: 4e-4 of a box, far less of the others
-        assert spectrum.amplitude[top] == pytest.approx(amplitude, rel=5e-4 if window == "boxcar" else 1e-6)
-
     @pytest.mark.parametrize("offset", [1 / 16, 0.3, 0.5])
     def test_a_tone_between_bins(self, offset):
         spectrum = amplitude_spectrum(tone(400 + offset), rate=RATE)
@@ -43,15 +34,6 @@ class TestAmplitude:
         assert spectrum.axis[np.argmax(spectrum.amplitude)] == pytest.approx(
             (400 + offset) * RATE / COUNT, abs=0.51 * RATE / COUNT / PADDING
         )
-
-    def test_noise_power_spreads_over_the_noise_bandwidth(self):
-        rng = np.random.default_rng(3)
-        powers = []
-        for _ in range(50):
-            spectrum = amplitude_spectrum(2 * rng.standard_normal(COUNT), rate=RATE)
-            powers.append(np.mean(spectrum.amplitude[8 * PADDING : -8 * PADDING] ** 2))
-        # E A^2 = 4 sigma^2 ENBW / n; 50 x 2048 bins of which two thirds are independent know it to 0.4 %, times 4
-        assert np.mean(powers) == pytest.approx(4 * 2**2 * 1.5 / COUNT, rel=0.016)
 
 
 class TestResolution:
