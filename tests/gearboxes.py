@@ -15,17 +15,25 @@ def without_sizes(name):
     return bare.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
-def planetary(sun, planet, ring, *, copies):
-    """A stage that is free but for the frame: sun, ring and carrier on one line."""
+def planetary(sun, planet, ring, *, copies, sizes=None, **planets):
+    """A stage that is free but for the frame: sun, ring and carrier on one line; `sizes` of all its teeth."""
     return {
         "frame": "housing",
         "reference": "sun",
         "axes": {
             "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": copies},
+            "planet": {"links": ["carrier", "planet"], "copies": copies, **planets},
         },
-        "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -ring}}],
+        "mesh": [
+            {"teeth": {"sun": sun, "planet": planet}, **(sizes or {})},
+            {"teeth": {"planet": planet, "ring": -ring}, **(sizes or {})},
+        ],
     }
+
+
+def held_planetary(*teeth, copies=3, **more):
+    """The stage with its ring at rest."""
+    return planetary(*teeth, copies=copies, **more) | {"name": "planetary", "rigid": [["housing", "ring"]]}
 
 
 PLANETARY = planetary(27, 36, 99, copies=3)

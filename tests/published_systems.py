@@ -2,6 +2,8 @@
 
 import math
 
+from gearboxes import held_planetary
+
 from data_synth.dynamics.assembly import Inertia, MeshProperties, SupportStiffness, assemble
 from data_synth.dynamics.elements import Coupling, GearMesh, GeneralMesh, Support
 from data_synth.dynamics.system import PLANE, Body, build_system
@@ -73,18 +75,7 @@ def planetary(count, *, teeth=(24, 36, 96), error=None, **changes):
     """Their planetary set as a gearbox: only teeth and base radii are ours, which their parameters leave open."""
     sun, planet, ring = teeth
     pressure, width, module = math.radians(24.6), 0.03, 2e-3
-    table = {
-        "name": "Lin and Parker",
-        "frame": "housing",
-        "reference": "sun",
-        "rigid": [["housing", "ring"]],
-        "axes": {
-            "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": count},
-        },
-        "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -ring}}],
-    }
-    gearbox = Gearbox.from_mapping(table)
+    gearbox = Gearbox.from_mapping(held_planetary(*teeth, copies=count))
     geometry = {
         name: GearPair(teeth=teeth, module_m=module, face_width_m=width, pressure_angle_rad=pressure)
         for name, teeth in {"sun-planet": (sun, planet), "planet-ring": (planet, -ring)}.items()

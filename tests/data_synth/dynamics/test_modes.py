@@ -28,16 +28,6 @@ def oscillator(stiffness, *, damping=0.0, backlash=0.0):
 
 
 class TestModes:
-    def test_jacobi_s_modes_are_those_of_the_generalised_problem(self):
-        system = chaari()
-        modes = solve_modes(system)
-        stiffness = system.mean_stiffness()
-        assert_allclose(
-            modes.shapes.T @ stiffness @ modes.shapes, np.diag(modes.angular**2), atol=1e-9 * modes.angular[-1] ** 2
-        )
-        dense = linalg.eigh(stiffness, system.mass, eigvals_only=True)
-        assert_allclose(modes.angular**2, dense, atol=1e-12 * dense[-1])
-
     def test_a_system_without_springs_of_its_own_is_solved_as_it_is(self):
         system = chaari()
         bare = System(
@@ -50,6 +40,14 @@ class TestModes:
         found = solve_modes(bare)
         assert found.kinds[0] == "rigid"
         assert_allclose(found.frequencies_hz, solve_modes(system).frequencies_hz, rtol=1e-11)
+
+    def test_a_full_mass_matrix(self):
+        rng = np.random.default_rng(1)
+        a, b = rng.standard_normal((2, 6, 6))
+        mass, stiffness = a @ a.T + np.eye(6), b @ b.T
+        system = System(mass=mass, damping=0 * mass, stiffness=stiffness, meshes=(), names=("x",) * 6)
+        wanted = np.sqrt(linalg.eigh(stiffness, mass, eigvals_only=True))
+        assert_allclose(solve_modes(system).angular, wanted, rtol=1e-9)  # of scipy's own error
 
     def test_free_bodies_strain_nothing(self):
         bodies = [Body(name=name, mass_kg=1, inertia_kgm2=1, motions=("x", "rotation")) for name in "ab"]
@@ -151,14 +149,6 @@ class TestFloquet:
 
     def test_8334_is_stable(self):
         assert floquet(wijianto(mesh=STEPS), speed_rad_s=8334.0).largest == pytest.approx(1, abs=1e-12)
-
-    @pytest.mark.parametrize("bearing", [1e8, 1e12, 1e16])
-    def test_multipliers_come_in_pairs_however_stiff_the_bearings(self, bearing):
-        values = floquet(wijianto(bearing=bearing, mesh=STEPS), speed_rad_s=1380.0).multipliers
-        # without damping each has its reciprocal; frequencies of 1e4 times the mesh's cost four digits
-        # states of 1e8 rad/s beside those of 700 rad/s: a condition number of 1e5, times eps is 3e-11
-        assert_allclose(np.sort(np.abs(values)), np.sort(1 / np.abs(values)), rtol=1e-10)
-        assert values.size == 6
 
     def test_stiff_bearings_leave_the_torsional_mesh_alone(self):
         # one torsional freedom: x'' + k(t) x (r1^2 / I1 + r2^2 / I2), exact by Meissner's product

@@ -13,7 +13,6 @@ from data_synth.gears.lost_contact import (
     FlankModification,
     LoadSharing,
     LostContact,
-    broken_tip_gap,
     separation_m,
     spall_gap,
     wear_gap,
@@ -109,16 +108,6 @@ def test_a_pair_alone_sinks_until_a_neighbour_off_the_path_carries():
     assert bounded.shared(np.array([ALONE]), gap=np.ones_like).error_m[0] == 3e-6
 
 
-def test_a_whole_face_lost_is_a_whole_tooth_lost():
-    since = np.linspace(0, RATIO - 1e-9, 101)
-    gone = LostContact(sharing=SHARING, gap=broken_tip_gap(PAIR, 0, height_m=6.75e-3))
-    chipped = LostContact(sharing=SHARING, face_share=0.0)
-    assert_allclose(chipped.added_compliance(None, 0, since), gone.added_compliance(None, 0, since), atol=1e-12)
-    errors = [lost.error(teeth=23, first=4, stiffness_too=True)(4 + since) for lost in (gone, chipped)]
-    assert_allclose(errors[0], errors[1], atol=1e-9)
-    assert np.all(np.isinf(gone.added_compliance(None, 0, since[since < RATIO - 1.001])))
-
-
 def test_a_narrow_spall_takes_its_width_from_the_stiffness_and_displaces_nothing():
     gap = spall_gap(PAIR, 0, depth_m=5e-5, length_pitches=0.3, across=False)
     # loaded so little that no neighbour carries off the path
@@ -138,17 +127,6 @@ def test_what_is_in_a_shallow_spall_carries_as_statics_says(depth_um):
     for others, d in zip((ONE, 0.0), shared.deflection_m, strict=True):
         carried = others * d + ONE * (0.6 * d + 0.4 * max(d - 1e-6 * depth_um, 0.0))
         assert carried == pytest.approx(FORCE, rel=1e-9)
-
-
-def test_nothing_gone_changes_nothing():
-    for lost in (
-        LostContact(sharing=SHARING),
-        LostContact(sharing=SHARING, gap=spall_gap(PAIR, 1, depth_m=0.0, length_pitches=0.5)),
-        LostContact(sharing=SHARING, gap=wear_gap(PAIR, 1, depth_m=0.0), every=True),
-    ):
-        since = np.linspace(0, RATIO - 1e-9, 31)
-        assert_allclose(lost.added_compliance(None, 0, since), 0, atol=1e-20)
-        assert_allclose(lost.error(teeth=67, first=0, stiffness_too=False)(since), 0, atol=1e-20)
 
 
 def test_the_error_is_that_of_its_pair_and_comes_again_after_a_turn():

@@ -1,7 +1,6 @@
 """Mesh stiffness, transmission errors and gear geometry against closed forms, standards, independent computations."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -26,36 +25,13 @@ PHASES = np.linspace(-3, 5, 1601) + 1e-4
 
 
 class TestShapes:
-    def test_constant(self):
-        assert_allclose(Constant(mean=3e8)(PHASES), 3e8)
-
     @pytest.mark.parametrize("duty", [0.1, 0.4, 0.79])
-    def test_a_rectangle_obeys_parseval(self, duty):
+    def test_a_rectangle_has_the_lines_of_the_textbook(self, duty):
         wave = Rectangular(low=0.76e6, high=1.36e6, duty=duty)
         assert wave.mean == pytest.approx(0.76e6 + duty * 0.6e6)
-        count = 100
-        lines = np.abs(fourier_series(wave, harmonics=count).harmonics) / 0.6e6
-        # what the missing lines hold is below sum 2 sin^2 / (pi h)^2 < 2 / (pi^2 count)
-        left = duty * (1 - duty) - np.sum(lines**2) / 2
-        assert 0 < left < 2 / (math.pi**2 * count)
-        order = np.arange(1, count + 1)
+        order = np.arange(1, 101)
+        lines = np.abs(fourier_series(wave, harmonics=100).harmonics) / 0.6e6
         assert_allclose(lines, 2 / (np.pi * order) * np.abs(np.sin(np.pi * order * duty)), atol=1e-12)
-
-    def test_contact_ratio_gives_the_pairs(self):
-        wave = Rectangular.by_contact_ratio(pair_stiffness=2e8, contact_ratio=1.7)
-        assert (wave.low, wave.high) == (2e8, 4e8)
-        assert wave.mean == pytest.approx(1.7 * 2e8)
-        assert_allclose(wave([0.0, 0.69, 0.71, 0.99, 1.0, -0.01]), [4e8, 4e8, 2e8, 2e8, 4e8, 2e8])
-
-    def test_a_trapezium_is_a_rectangle_run_through_a_window(self):
-        # ramps of r are the mean of a rectangle over r: its lines times sinc(h r), half a ramp later
-        ramp, duty = 0.15, 0.6
-        slanted = fourier_series(Trapezoidal(low=1e8, high=3e8, duty=duty, ramp=ramp), harmonics=25)
-        upright = fourier_series(Rectangular(low=1e8, high=3e8, duty=duty), harmonics=25)
-        order = np.arange(1, 26)
-        expected = upright.harmonics * np.sinc(order * ramp) * np.exp(-1j * np.pi * order * ramp)
-        assert_allclose(slanted.harmonics, expected, atol=1e-12 * 2e8)
-        assert slanted.mean == pytest.approx(1e8 + duty * 2e8)
 
     @pytest.mark.parametrize("ratio", [1.3, 1.7, 2.3, 2.79, 3.5])
     @pytest.mark.parametrize("ramp", [0.0, 0.1, 0.2])
@@ -75,21 +51,6 @@ class TestShapes:
         assert_allclose(wave(PHASES), pair * bearing.sum(axis=1), rtol=1e-11)
         assert wave.mean == pytest.approx(ratio * pair, rel=1e-12)
         assert (wave.low, wave.high) == pytest.approx((math.floor(ratio) * pair, math.ceil(ratio) * pair), rel=1e-12)
-
-    @pytest.mark.parametrize("by_cycles", [0.0, 0.37, -0.37, 1.85, 0.6])
-    def test_the_slope_of_a_shifted_trapezium_changes_at_its_corners_and_nowhere_else(self, by_cycles):
-        wave = Shifted(of=Trapezoidal(low=1.0, high=3.0, duty=0.6, ramp=0.15), by_cycles=by_cycles)
-        corners = wave.corners
-        assert list(corners) == sorted(corners)
-        assert all(0 <= corner < 1 for corner in corners)
-        # where the second difference of samples is not rounding; each corner lies between two of them
-        step = 1 / 1999
-        place = step * (np.arange(1999) + 0.4567)
-        bends = np.abs(wave(place + step) - 2 * wave(place) + wave(place - step)) > 1e-9
-        near = [np.abs((place - corner + 0.5) % 1 - 0.5) < step for corner in corners]
-        assert len(corners) == 4
-        assert all(bends[one].any() for one in near)
-        assert not bends[~np.any(near, axis=0)].any()
 
     def test_the_series_of_a_shifted_trapezium_is_its_own_turned(self):
         # integrated to rounding only where no segment goes across a corner: else to 1e-4
@@ -145,19 +106,7 @@ class TestGeometry:
     def test_contact_ratio_to_every_printed_digit(self):
         assert EQUAL.contact_ratio == pytest.approx(1.7897798668330458, rel=1e-14)
 
-    @pytest.mark.parametrize(("helix_deg", "expected"), [(0, 1.742), (12, 1.687)])
-    def test_the_contact_ratios_of_wijiantos_teeth(self, helix_deg, expected):
-        # 36 and 63 teeth, module 3.5 mm: by geometry, where the paper takes 1.4; three decimals are given
-        pair = GearPair(
-            teeth=(36, 63),
-            module_m=3.5e-3,
-            face_width_m=53e-3,
-            pressure_angle_rad=math.radians(20),
-            helix_angle_rad=math.radians(helix_deg),
-        )
-        assert pair.contact_ratio == pytest.approx(expected, abs=5e-4)
-
-    def test_the_base_radii_of_a_helical_pair(self):
+    def test_wijianto_s_helical_teeth(self):
         pair = GearPair(
             teeth=(36, 63),
             module_m=3.5e-3,
@@ -165,6 +114,7 @@ class TestGeometry:
             pressure_angle_rad=ALPHA,
             helix_angle_rad=math.radians(12),
         )
+        assert pair.contact_ratio == pytest.approx(1.687, abs=5e-4)  # three decimals are given; the paper takes 1.4
         assert_allclose(pair.base_radii_m, [0.060363908371477926, 0.10563683965008637], rtol=1e-14)
         assert_allclose(pair.reference_radii_m, [0.064407457476496844, 0.11271305058386948], rtol=1e-14)
         assert pair.overlap_ratio == pytest.approx(0.053 * math.sin(math.radians(12)) / (math.pi * 3.5e-3))
@@ -248,35 +198,6 @@ class TestStrainEnergy:
         # printed: 396622921.36, and 10 digits more in its tests
         assert np.sum(1 / (1 / hertz + one + two)) == pytest.approx(396622921.3581085, rel=1e-14)
 
-    def test_adaptive_quadrature_of_the_same_energies_agrees(self):
-        tooth = PAIR.teeth[0]
-        angle = 0.4
-        lean = math.tan(angle) - tooth._base_half_angle
-        at_half, at_height, _ = (float(value) for value in tooth.involute_at(np.array(lean)))
-
-        def energy(half, height, rate):
-            width, shear = 2 * half, 206e9 / 2.6
-            arm = math.cos(lean) * (at_height - height) - at_half * math.sin(lean)
-            bending = arm**2 / (206e9 * width**3 / 12)
-            return rate * (
-                bending + 1.2 * math.cos(lean) ** 2 / (shear * width) + math.sin(lean) ** 2 / (206e9 * width)
-            )
-
-        start = math.tan(tooth.form_angle_rad) - tooth._base_half_angle
-        foot = integrate.quad(lambda s: energy(*tooth.fillet_at(np.array(s))), math.pi / 2, ALPHA, epsrel=1e-12)[0]
-        flank = integrate.quad(lambda s: energy(*tooth.involute_at(np.array(s))), start, lean, epsrel=1e-12)[0]
-        expected = (foot + flank) / 0.02 + float(tooth._body(np.array([lean]))[0])
-        assert tooth.compliance(np.array([angle]))[0] == pytest.approx(expected, rel=1e-10)
-
-    def test_fillet_and_flank_are_one_curve(self):
-        tooth = PAIR.teeth[0]
-        half, height, _ = tooth.fillet_at(np.array([math.pi / 2, ALPHA, ALPHA + 1e-6]))
-        flank = tooth.involute_at(np.tan(tooth.form_angle_rad) - tooth._base_half_angle + np.array([0.0, 1e-6]))
-        assert math.hypot(half[0], height[0]) == pytest.approx(tooth.root_radius_m)
-        assert_allclose([half[1], height[1]], [flank[0][0], flank[1][0]], rtol=1e-13)
-        slopes = (half[2] - half[1]) / (height[2] - height[1]), np.diff(flank[0])[0] / np.diff(flank[1])[0]
-        assert slopes[0] == pytest.approx(slopes[1], abs=1e-4)
-
     def test_the_mesh_is_the_sum_of_its_pairs(self):
         mesh, ratio = teeth_in_mesh(PAIR), PAIR.gears.contact_ratio
         exact = 1 / PAIR.compliance(PHASES % 1)
@@ -329,17 +250,6 @@ class TestFaults:
         arm = tooth.lever_arm_m(PAIR.angles_rad(phases)[0], height_m=crack.section(tooth).tip_m)
         expected = 2 * tooth.face_width_m / modulus * released * arm**2
         assert_allclose(crack.added_compliance(PAIR, 0, phases), expected, rtol=0.03)
-
-    def test_a_crack_of_no_depth_changes_nothing_and_a_deeper_one_softens_more(self):
-        healthy = teeth_in_mesh(PAIR)
-        phase = 3 + np.linspace(0.01, PAIR.gears.contact_ratio - 0.01, 50)
-        drops = [
-            healthy(phase) - damaged(RootCrack(depth_m=depth, angle_rad=math.radians(70)))(phase)
-            for depth in (0.0, 0.5e-3, 1e-3, 2e-3, 3e-3)
-        ]
-        assert_allclose(drops[0], 0, atol=1e-3)
-        for shallow, deep in pairwise(drops):
-            assert np.all(deep > shallow)
 
     def test_a_crack_by_adaptive_quadrature(self):
         tooth, crack = PAIR.teeth[0], RootCrack(depth_m=1.5e-3, angle_rad=math.radians(60))
@@ -402,11 +312,6 @@ class TestFaults:
         assert_allclose(added(both, 5), of_large, rtol=1e-7)
         assert_allclose(added(both, 4), 0, atol=1e-15)
 
-    def test_a_narrow_face_carries_in_proportion(self):
-        path = np.linspace(0, 0.4, 20)
-        added = LostContact(sharing=sharing(0.0), face_share=0.6).added_compliance(PAIR, 0, path)
-        assert_allclose(added, (1 / 0.6 - 1) * PAIR.compliance(path), rtol=1e-6)
-
     def test_a_missing_tooth_leaves_its_neighbours(self):
         mesh = damaged(LostContact(sharing=sharing(1000.0), face_share=0.0))
         healthy = teeth_in_mesh(PAIR)
@@ -423,29 +328,11 @@ class TestFaults:
 
 
 class TestErrors:
-    def test_profile(self):
-        error = ProfileError(harmonics_m=np.array([2e-6j, 1e-6]))
-        assert_allclose(
-            error(PHASES), -2e-6 * np.sin(2 * np.pi * PHASES) + 1e-6 * np.cos(4 * np.pi * PHASES), atol=1e-18
-        )
-
     def test_pitch_goes_from_tooth_to_tooth(self):
         error = PitchError(teeth_m=np.array([1.0, 3.0, -2.0]), handover=0.5)
         assert error.period == 3
         assert_allclose(error([0.0, 0.25, 0.5, 0.9, 1.25, 2.0, 2.5, 3.0, -0.5]), [-2, -0.5, 1, 1, 2, 3, -2, -2, -2])
         assert_allclose(PitchError(teeth_m=np.array([1.0, 3.0]), handover=0.0)([0.0, 0.99, 1.0]), [1, 1, 3])
-
-    def test_eccentricity_is_once_a_turn(self):
-        error = Eccentricity(teeth=20, eccentricity_m=5e-6, phase_rad=0.3)
-        spectrum = np.fft.rfft(error(np.arange(200) / 10)) / 100
-        assert abs(spectrum[1]) == pytest.approx(5e-6)
-        assert np.abs(np.delete(spectrum, 1)).max() < 1e-18
-
-    def test_errors_add_up(self):
-        parts = (Eccentricity(teeth=6, eccentricity_m=1e-6), Eccentricity(teeth=4, eccentricity_m=2e-6))
-        both = SumOfErrors(parts=parts, by_cycles=1.5)
-        assert both.period == 12
-        assert_allclose(both(PHASES), parts[0](PHASES + 1.5) + parts[1](PHASES + 1.5), atol=1e-20)
 
     def test_parts_that_repeat_after_different_cycles_go_on_at_their_own_phase(self):
         # every part by its formula, cycle for cycle; the pitch error's teeth enter one after the other

@@ -18,7 +18,7 @@ from data_synth.gears.friction import SlidingFriction
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Fourier, Rectangular
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import IntegrationError, Load, Output, Problem
+from data_synth.integrators.problem import Load, Output, Problem
 from data_synth.vibration.steady_state import periodic_state
 
 GEARS = GearPair(
@@ -197,14 +197,6 @@ def test_the_splitting_keeps_its_order_with_friction():
     assert errors[0] > 12.8 * errors[1] > 12.8**2 * errors[2]
 
 
-def test_what_rubs_wears_down_the_motion():
-    # the loss of a pair of gears in mesh is what the equations lose: torques balanced without friction slow the gears
-    slowed = run(started(sixteen(damping_s=1e-5), duration_s=0.05), rate_hz=50e3)
-    free = run(started(sixteen(friction=None, damping_s=1e-5), duration_s=0.05), rate_hz=50e3)
-    at = sixteen().names.index("motor rotation")
-    assert slowed[-1, 16 + at] < -0.01 < free[-1, 16 + at] + 0.005
-
-
 def test_teeth_that_change_rub_with_what_they_have():
     # twice as stiff from the start as the end of a history that has not begun
     history = MeshHistory(
@@ -232,9 +224,7 @@ def test_floquet_s_multipliers_are_those_of_shooting():
     assert np.max(np.abs(np.abs(found[:8]) - np.abs(rubless.multipliers[:8]))) > 1e-5
 
 
-def test_friction_of_other_gears_or_without_a_driver_is_refused():
+def test_friction_of_other_gears_is_refused():
     other = SlidingFriction(gears=replace(GEARS, module_m=4e-3), coefficient=0.08)
     with pytest.raises(ValueError, match=r"passes \"pinion\" at 0\.0603639 m.*base radius of 0\.0689873 m"):
         sixteen(friction=other)
-    with pytest.raises(IntegrationError, match="s is unstable: the variation"):
-        run(started(sixteen()), rate_hz=2e3)

@@ -192,13 +192,6 @@ def test_a_hat_weighs_the_force_of_two_samples(stiffness, error, tolerances):
         assert np.std(found[:, 1] - dense[::fine]) < 2e-4 * np.std(dense)
 
 
-def test_a_course_is_checked():
-    with pytest.raises(ValueError, match="must be two or more increasing instants"):
-        MeshHistory(times_s=TIMES[::-1], stiffnesses=(FIRST,) * 3, errors=(None,) * 3)
-    with pytest.raises(ValueError, match="3 instants need as many stiffnesses and errors"):
-        MeshHistory(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(None, SMALL, SMALL))
-
-
 def test_steps_are_judged_by_what_moves():
     turning = State(displacement=np.zeros(4), velocity=np.array([0, 175.0, 0, 100.0]))
     problem = gear_pair.driven(gear_pair.pair(gear_pair.ten_harmonics()), duration_s=0.02, start=turning)

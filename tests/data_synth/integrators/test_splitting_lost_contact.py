@@ -15,7 +15,6 @@ from gear_pair import (
     turning,
     worst,
 )
-from scipy.integrate import solve_ivp
 
 from data_synth.dynamics.system import Mesh, System
 from data_synth.integrators.driver import integrate
@@ -214,36 +213,7 @@ class TestTwoMotions:
         assert followed(large, 0.02, 0.96) == pytest.approx(0.96)
         assert followed(small, -0.02, 0.76) == pytest.approx(0.76)
 
-    @pytest.mark.parametrize(("which", "speed"), [(0, 0.950), (0, 0.952), (1, 0.790), (1, 0.7851)])
-    def test_motions_near_the_ends_return_by_scipy_too(self, motions, which, speed):
-        state = motions[which]
-        for at in np.linspace(0.88, speed, 9)[1:]:
-            state = motion(at, state.start)
-        assert state.stable
-        x, v = state.start.displacement[0] - DEEP, state.start.velocity[0]
-        # what steps of 0.016 rad with kinks in them leave over a period
-        np.testing.assert_allclose(one_period([x, v], speed), [x, v], atol=1e-4)
-
 
 def swing(state):
     """Return the peak to peak displacement of a periodic motion."""
     return float(np.ptp(state.waveform.values[:, 0]))
-
-
-def one_period(state, speed):
-    """Return where the parametric oscillator comes to, restarted at each contact."""
-    now, end, state = 0.0, 2 * np.pi / speed, np.array(state, dtype=float)
-    touching = state[0] > 0
-    while now < end:
-
-        def rates(t, y, touching=touching):
-            return [y[1], 1 - 0.04 * y[1] - touching * (1 + 0.1 * np.cos(speed * t)) * y[0]]
-
-        def edge(_, y):
-            return y[0]
-
-        edge.terminal, edge.direction = True, -1.0 if touching else 1.0
-        path = solve_ivp(rates, (now, end), state, method="DOP853", rtol=1e-11, atol=1e-12, events=edge)
-        now, state = path.t[-1], path.y[:, -1]
-        touching = not touching
-    return state

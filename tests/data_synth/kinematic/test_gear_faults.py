@@ -2,14 +2,13 @@ import math
 from fractions import Fraction
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from scipy.special import ive
 
 from data_synth import load_scene, simulate
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, gear_damage_family
-from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base
-from data_synth.scene.faults import FaultyGear, ToothCrack, von_mises_window
+from data_synth.kinematic.harmonics import HarmonicFamily
+from data_synth.scene.faults import FaultyGear, ToothCrack
 from data_synth.scene.scene import declared_size_mm
 
 SCENE = load_scene("demo")
@@ -64,60 +63,6 @@ def test_sidebands_are_bessel_functions():
         expected = coefficient(k) + np.conj(coefficient(-46 - k))
         assert_allclose(family.coefficients[23 + k - 1], expected, rtol=1e-11, atol=1e-15)
     assert np.argmax(np.abs(family.coefficients)) == 22
-
-
-def test_the_comb_is_the_modulated_mesh_less_the_healthy_one():
-    # in the time domain, all harmonics at once, negative lines folded: what is dropped is below the cutoff each
-    fault = crack(amplitude_per_mm=0.3, phase_rad_per_mm=0.2)
-    healthy = mesh(np.array([0.5, 0.3j, -0.2]) * np.exp(0.4j))
-    family = crack_comb(fault, mesh=healthy, offset=0.15)
-    rev = np.arange(2000) / 2000
-    signal = np.zeros((1, rev.size))
-    lines = np.repeat(family.coefficients[None, :, None], 2, axis=2)
-    add_lines(signal, lines, base_order=family.base_order, revolutions=rev, position=rev)
-    window = von_mises_window(rev + 0.15, width_turns=1 / 23)
-    change = np.zeros(rev.size)
-    for h, value in enumerate(healthy.coefficients, start=1):
-        modulation = (1 + 0.3 * window) * np.exp(-1j * 0.2 * h * window) - 1
-        change += (value * modulation * np.exp(2j * np.pi * 23 * h * rev)).real
-    change -= change.mean()  # the line at order zero is left out
-    largest = np.max(np.abs(family.coefficients))
-    assert_allclose(signal[0], change, atol=3 * 2 * 23 * SIDEBAND_CUTOFF * largest)
-    assert np.max(np.abs(change)) > 5 * largest
-
-
-def test_a_crack_in_a_slower_gear_has_its_lines_at_that_gear_s_turns():
-    base_order = SCENE.exact_orders("gear_mesh")["stage 2"]
-    family = crack_comb(crack(component="stage 2/output"), mesh=mesh([1.0], base_order=base_order), offset=0.0)
-    assert family.base_order == Fraction(437, 4087)
-    assert family.orders[60] == base_order == 61 * family.base_order
-    assert family.source == "stage 1"  # the sensors' gains are those of the mesh
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "base_order"),
-    [
-        (Fraction(23), Fraction(1), Fraction(1)),
-        (Fraction(20, 3), Fraction(1), Fraction(1, 3)),
-        (Fraction(3, 4), Fraction(5, 6), Fraction(1, 12)),
-    ],
-)
-def test_the_common_base_measures_both(first, second, base_order):
-    assert common_base(first, second) == base_order
-
-
-def test_lines_between_instants_are_linear():
-    amplitudes = np.array([[[1.0, 3.0, 3.0], [2j, 0.0, 1j]]])
-    rev = np.linspace(0, 7.3, 501)
-    position = np.linspace(0, 2, 501)
-    signal = np.zeros((1, 501))
-    add_lines(signal, amplitudes, base_order=Fraction(2, 3), revolutions=rev, position=position)
-    expected = sum(
-        np.interp(position, [0, 1, 2], z.real) * np.cos(2 * np.pi * k * 2 / 3 * rev)
-        - np.interp(position, [0, 1, 2], z.imag) * np.sin(2 * np.pi * k * 2 / 3 * rev)
-        for k, z in enumerate(amplitudes[0], start=1)
-    )
-    assert_allclose(signal[0], expected, atol=1e-12)
 
 
 def test_a_missing_tooth_has_no_more_to_lose_than_its_height():

@@ -33,9 +33,3 @@ def test_imbalance_grows_with_the_square_of_the_speed_and_not_with_the_load():
     assert_allclose(np.abs(heard(family_of("imbalance"), speeds)[0]), 0.2 * (speeds / 25) ** 2, rtol=1e-14)
     bow = heard(family_of("bent_shaft"), speeds)
     assert_allclose(np.abs(bow), np.outer([0.2, 0.04], np.ones(3)), rtol=1e-14)
-
-
-def test_a_growing_imbalance_is_that_of_each_instant():
-    sizes = np.array([0.1, 0.2, 0.4])
-    family = family_of("imbalance", sizes)
-    assert_allclose(np.abs(heard(family, np.full(3, 25.0))[0]), sizes, rtol=1e-14)

@@ -83,13 +83,6 @@ def test_a_grade_needs_a_module():
         simulate(scene({"gears": {}}, dynamics={}, gearbox=without_sizes("two-stage")), seed=1)
 
 
-def test_grades_double_the_deviations_in_two_steps():
-    excitation = {"shaft_amplitude": 0, "mesh_amplitude": 1, "harmonics": 1}
-    plain = values(excitation=excitation)
-    fine, coarse = (values({"gears": {"grade": grade}}, excitation=excitation) - plain for grade in (5, 7))
-    assert_allclose(np.std(coarse), 2 * np.std(fine), rtol=0.02)  # sidebands are nearly linear in them
-
-
 @pytest.mark.parametrize(("units", "per"), [("m s-2", 1.0), ("g", 1 / GRAVITY)])
 def test_imbalance_has_the_force_of_its_grade(units, per):
     sensor = [MILL["sensor"][0] | {"units": units}]
@@ -217,12 +210,6 @@ def test_gears_in_motion_have_their_pitch_deviations():
         diameter = 3 * teeth
         runout = 0.9 * (0.002 * diameter + 0.55 * np.sqrt(diameter) + 0.7 * 3 + 12) * 2
         assert_allclose(2e6 * abs(spectrum[23 * 67 // teeth]), runout * np.cos(np.radians(20)), rtol=0.02)
-
-
-def test_sidebands_of_deviations_in_motion_are_those_of_both_gears():
-    short = {"fidelity": "dynamic", "rate_hz": 8000, "duration_s": 0.1}
-    plain, deviating = (values(table, **short) for table in (None, {"gears": {"grade": 8}}))
-    assert 1e-3 < np.std(deviating - plain) / np.std(plain) < 2
 
 
 # ---- sensors ---------------------------------------------------------------------------------------------------------

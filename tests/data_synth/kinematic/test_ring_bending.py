@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from gearboxes import without_sizes
+from gearboxes import held_planetary, without_sizes
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
@@ -93,17 +93,7 @@ def test_a_ring_bends_as_a_polygon_of_beams_under_offset_teeth(radial_n, tangent
 
 SIZE = {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20}
 SCENE = {
-    "gearbox": {
-        "name": "planetary 27/36/99",
-        "frame": "housing",
-        "reference": "sun",
-        "rigid": [["housing", "ring"]],
-        "axes": {
-            "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": 3},
-        },
-        "mesh": [{"teeth": {"sun": 27, "planet": 36}, **SIZE}, {"teeth": {"planet": 36, "ring": -99}, **SIZE}],
-    },
+    "gearbox": held_planetary(27, 36, 99, sizes=SIZE),
     "rate_hz": 8000,
     "duration_s": 0.5,
     "fidelity": "kinematic",

@@ -45,13 +45,3 @@ def test_a_fluctuation_has_its_spectrum_and_no_more():
         assert np.mean(power[band]) == pytest.approx(np.mean(WIND.density(frequency[band])), rel=0.17)
     # a Hann taper leaks as the third power of the distance in lines
     assert np.max(power[frequency > highest + 1]) < 1e-6 * np.max(power)
-
-
-def test_same_seed_same_fluctuation():
-    rng_for = [
-        fluctuation(
-            Kaimal(rms=1.0, time_scale_s=1.0), duration_s=3.0, highest_hz=4.0, rng=np.random.default_rng(seed)
-        ).values.tobytes()
-        for seed in (3, 3, 4)
-    ]
-    assert rng_for[0] == rng_for[1] != rng_for[2]

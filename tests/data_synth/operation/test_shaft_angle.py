@@ -4,8 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from data_synth.operation.drive import Drive
-from data_synth.operation.piecewise import PiecewiseLinear
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.operation.tachometer_pulses import pulse_times
 
@@ -41,13 +39,6 @@ def test_pulses_of_a_ramp_are_where_the_quadratic_says():
     turned = 0.25 + number / 6
     assert_allclose(pulses, (np.sqrt(start**2 + 2 * slope * turned) - start) / slope, rtol=1e-13)
     assert pulses.size == np.floor((4 * start + 8 * slope - 0.25) * 6) + 1
-
-
-def test_load_follows_the_torque_whatever_its_sign():
-    torque = PiecewiseLinear(times_s=np.array([0.0, 1.0]), values=np.array([-100.0, 50.0]))
-    drive = Drive(angle=ANGLE, torque=torque, unloaded_share=0.2, full_load_nm=100.0)
-    assert_allclose(drive.load([-1, 0, 2 / 3, 1, 9]), [1, 1, 0.2, 0.6, 0.6], rtol=1e-14, atol=1e-14)
-    assert_allclose(Drive(angle=ANGLE).load([0, 1]), 1)
 
 
 BACK = ShaftAngle(times_s=np.array([0.0, 2.0, 3.0, 5.0, 6.0]), speeds_hz=np.array([4.0, -4.0, -4.0, 0.0, 0.0]))

@@ -44,13 +44,6 @@ def test_the_box_is_late_and_its_clock_gains():
     assert_allclose(pulses.times_s, 2e-3 + (1 + 50e-6) * passed, rtol=1e-14)  # 5 ms in the 100 s of the record
 
 
-def test_jitter_is_independent_from_pulse_to_pulse():
-    pulses = recorded(jitter={"std_s": 1e-5})
-    errors = pulses.times_s - pulses.marks_s
-    assert np.std(errors) == pytest.approx(1e-5, rel=0.04)  # 8000 errors: 4 / sqrt(16000) = 3.2 %
-    assert abs(np.mean(errors[1:] * errors[:-1])) < 4 / np.sqrt(8000) * 1e-10
-
-
 def test_jitter_keeps_lines_where_slip_melts_them():
     # dynamics.md: independent errors of sigma periods leave exp(-(2 pi k sigma)^2) of the power of line k
     period_s, sigma = 1 / 80, 0.01

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from data_synth import Scene, SceneError, load_scene, simulate
+from data_synth import Scene, SceneError, simulate
 
 BASE = {
     "gearbox": "two-stage",
@@ -77,18 +77,6 @@ def test_torque_turbulence_moves_the_load_and_nothing_else():
     assert_allclose(line, 0.5 * np.abs(record["truth_torque"].values) / 500, rtol=1e-12)
     assert np.ptp(record["truth_torque"].values) > 50
     assert_allclose(record["truth_speed"].values, 15, rtol=1e-14)
-
-
-def test_a_torque_table_stands_beside_the_scene(tmp_path):
-    (tmp_path / "torque.csv").write_text("s,Nm\n0,100\n2,300\n", encoding="utf-8")
-    (tmp_path / "own.toml").write_text(
-        'gearbox = "two-stage"\nrate_hz = 10000\nduration_s = 2\nfidelity = "kinematic"\n'
-        'speed = { link = "input", rpm = 900 }\ntorque = { link = "output", csv = "torque.csv" }\n'
-        'tachometer = { link = "input", pulses_per_rev = 1 }\n'
-        '[[sensor]]\nname = "a"\non = "input"\nunits = "g"\n',
-        encoding="utf-8",
-    )
-    assert load_scene(tmp_path / "own.toml").torque.nm == ((0.0, 100.0), (2.0, 300.0))
 
 
 def test_sources_speak_with_amplitudes_of_their_own():

@@ -2,8 +2,7 @@
 
 import pytest
 
-from data_synth import Scene, SceneError, load_scene, make_dataset, simulate
-from data_synth.plan import PlanError
+from data_synth import Scene, SceneError, load_scene, simulate
 
 DEMO = load_scene("gears-in-motion").model_dump(mode="json", by_alias=True, exclude_none=True)
 
@@ -16,24 +15,12 @@ def changed(**changes):
     ("changes", "sentence"),
     [
         (
-            {"fault": [{"kind": "spall", "component": "stage 3/pinion", "size_mm": 1.0}]},
-            'fault 1: spall has no component "stage 3/pinion"; valid: "stage 1/pinion", "stage 1/intermediate", ',
-        ),
-        (
-            {"torque": {"link": "housing", "nm": 450}},
-            'torque names the link "housing", which does not turn, so that it transmits no power; name one that does',
-        ),
-        (
             {"torque": {"link": "input", "nm": 20}},
             'and the reference "input" drives; name the link that takes the power out as dynamics.load_on',
         ),
         (
             {"dynamics": {**DEMO["dynamics"], "load_on": "input"}},
             'dynamics.load_on = "input" is at rest or is the reference, which drives; name the link that takes the',
-        ),
-        (
-            {"dynamics": {**DEMO["dynamics"], "links": {"q": {"mass_kg": 3}}}},
-            'dynamics: links names "q"',
         ),
         (
             {"sensor": [{**DEMO["sensor"][0], "direction": [0, 0, 0]}]},
@@ -46,24 +33,8 @@ def changed(**changes):
         ({"sensor": [{**DEMO["sensor"][0], "name": "time"}]}, 'name = "time" is reserved in records'),
         ({"sensor": [{**DEMO["sensor"][0], "name": "a/b"}]}, 'name = "a/b" is reserved in records'),
         (
-            {"dynamics": {**DEMO["dynamics"], "bearings": {"output": {"radial_n_m": -1e8}}}},
-            "radial_n_m = -100000000.0: input should be greater than 0",
-        ),
-        (
-            {"dynamics": {**DEMO["dynamics"], "meshes": {"stage 1": {"stiffness_n_m": -6e8}}}},
-            "stiffness_n_m = -600000000.0: input should be greater than 0",
-        ),
-        (
-            {"sensor": [{**DEMO["sensor"][0], "on": "nothing"}]},
-            'sensor "input vertical" is on "nothing", which is not a bearing, link or mesh of gearbox "two-stage"',
-        ),
-        (
             {"speed": {"link": "input", "rpm": 90_000}},
             '"stage 1", 23, at top speed; raise rate_hz, or lower the speed: the highest order that fits is 16.67.',
-        ),
-        (
-            {"fidelity": "kinematic", "speed": {"link": "input", "rpm": 30_000}},
-            "raise rate_hz, or lower excitation.harmonics: the highest order that fits is 50.",
         ),
     ],
 )
@@ -71,16 +42,6 @@ def test_a_bad_scene_gets_a_sentence(changes, sentence):
     with pytest.raises(SceneError) as caught:
         simulate(changed(**changes), seed=1)
     assert sentence in str(caught.value)
-
-
-def test_a_plan_larger_than_the_disk_gets_a_sentence(monkeypatch, tmp_path):
-    plan = tmp_path / "plan.toml"
-    plan.write_text('scene = "gears-in-motion"\nrecords = 1000\nseed = 1\n', encoding="utf-8")
-    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1_000_000_000}))
-    with pytest.raises(
-        PlanError, match=r"1000 records of 2 MB and .* MB of truth need .* but 1 GB are free at .*Lower records"
-    ):
-        make_dataset(plan, tmp_path / "set")
 
 
 def test_a_torque_that_starts_nothing_gets_a_sentence():

@@ -222,16 +222,6 @@ def test_an_impact_rings_through_the_default_filter_without_aliases():
     assert np.std(folded - dense) > 0.1 * np.std(dense)
 
 
-def test_the_truth_holds_behind_the_default_filter():
-    made = record(anti_alias={})
-    turns = 25 * made["time"].values - 0.25
-    waves = np.exp(2j * np.pi * np.outer(turns, made["truth_order"].values))
-    assert_allclose(made["a"].values, (waves @ made["truth_amplitude"].values[0, :, 0]).real, atol=1e-12)
-    chain = linear_chain(Sensor.model_validate({**SENSOR, "anti_alias": {}}), rate_hz=20_000)
-    expected = chain.response(25 * made["truth_order"].values)
-    assert_allclose(stated_response(made, 25 * made["truth_order"].values), expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("skew_s", [25e-6, -75e-6])
 def test_a_skewed_channel_has_the_samples_between_those_of_the_others(skew_s):
     # an odd number of samples of twice the rate, of every kind of source

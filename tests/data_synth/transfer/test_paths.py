@@ -6,8 +6,7 @@ from numpy.testing import assert_allclose
 
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.scene.sensors import Mode
-from data_synth.transfer.acquisition import add_ringing
-from data_synth.transfer.paths import impact_line, mode_filter, mode_pole, ringing, ringing_time_s
+from data_synth.transfer.paths import impact_line, mode_filter, mode_pole, ringing
 
 MODE = Mode(frequency_hz=3000.0, damping_ratio=0.05)
 RINGS = ringing(MODE)
@@ -30,31 +29,6 @@ def train(*, order, size=1.0, offset=0.0):
         order=Fraction(order),
         offset=offset,
     )
-
-
-def test_rings_start_between_samples():
-    rate, count = 40_000.0, 4000
-    struck = np.array([-0.004, -1e-5, 0.0, 0.0123456789, 0.0129, 0.099990001])
-    sizes = np.array([[1.0, 2.0, -1.0, 0.5, 1.5, 4.0], [0.0, 1.0, 0.0, 1.0, 0.0, 1.0]])
-    signal = np.zeros((2, count))
-    pole, residue = np.array([mode_pole(MODE)]), np.array([-1j])  # Re -j exp(p t) is the sine
-    for own, size in zip(signal, sizes, strict=True):
-        add_ringing(own, times_s=struck, amplitudes=size, poles=pole, residues=residue, rate_hz=rate)
-    times = np.arange(count) / rate
-    expected = sum(size[:, None] * rung(times - at) for size, at in zip(sizes.T, struck, strict=True))
-    assert_allclose(signal, expected, atol=1e-11)
-
-
-def test_the_spectrum_is_the_transform_of_the_ringing():
-    # Gauss-Legendre on short panels: the integrand is analytic, so 20 points per panel leave rounding
-    nodes, weights = np.polynomial.legendre.leggauss(20)
-    edges = np.linspace(0, ringing_time_s(MODE), 401)
-    half = np.diff(edges) / 2
-    times = (edges[:-1, None] + half[:, None] * (nodes + 1)).ravel()
-    steps = (half[:, None] * weights).ravel()
-    for frequency in (0.0, 100.0, 3000.0, 9000.0):
-        integral = np.sum(steps * rung(times) * np.exp(-2j * np.pi * frequency * times))
-        assert_allclose(RINGS.response(frequency), integral, rtol=1e-9, atol=1e-12 * abs(RINGS.response(3e3)))
 
 
 def test_a_steady_train_has_the_lines_the_truth_adds():

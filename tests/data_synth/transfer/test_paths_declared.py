@@ -268,15 +268,6 @@ def test_what_has_no_way_of_its_own_passes_the_housing():
     assert_allclose(mixed[below], expected, atol=6e-3 * np.max(np.abs(expected)))
 
 
-def test_a_static_force_is_no_sound():
-    # the way passes it, as it has been there for ever: no step at the beginning
-    for given in ({"modes": TABLE}, {"lines": lines_of()}):
-        transfers = [way(link, **given) for link in ("pinion", "wheel")]
-        record = simulate(Scene.from_mapping(PAIR | {"transfer": transfers, "duration_s": 0.2}), seed=1)
-        moved = record["b"].values - np.mean(record["b"].values)
-        assert np.max(np.abs(moved[:400])) < 1.5 * np.max(np.abs(moved[2000:]))
-
-
 def test_ways_from_teeth_in_motion_are_refused():
     with pytest.raises(SceneError, match='a transfer starts from the mesh "mesh"'):
         shaken(way("mesh"), loud={})

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from gearboxes import held_planetary
 
 from data_synth import Scene, load_scene, simulate
 from data_synth.dynamics.placement import contacts_of
@@ -17,21 +18,9 @@ SIZE = {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20}
 
 
 def scene(teeth, shifts=None, *, reference="sun", **changes):
-    sun, planet, ring = teeth
-    meshes = [{"teeth": {"sun": sun, "planet": planet}, **SIZE}, {"teeth": {"planet": planet, "ring": -ring}, **SIZE}]
-    for mesh in meshes if shifts is not None else ():
+    gearbox = held_planetary(*teeth, sizes=SIZE) | {"reference": reference}
+    for mesh in gearbox["mesh"] if shifts is not None else ():
         mesh["profile_shift"] = [shifts[link] for link in mesh["teeth"]]
-    gearbox = {
-        "name": "planetary",
-        "frame": "housing",
-        "reference": reference,
-        "rigid": [["housing", "ring"]],
-        "axes": {
-            "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": 3},
-        },
-        "mesh": meshes,
-    }
     table = load_scene("planets-in-motion").model_dump(mode="json", by_alias=True, exclude_none=True)
     return Scene.from_mapping(table | {"gearbox": gearbox, "fault": [], **changes})
 

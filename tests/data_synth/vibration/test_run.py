@@ -13,8 +13,6 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.gears.geometry import GearPair
-from data_synth.gears.lost_contact import LoadSharing
-from data_synth.scene.faults import FaultyGear, GearDamage, damaged_teeth, transmission_errors
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.sensors import AntiAlias, Mode, Sensor
 from data_synth.simulation import noise_free
@@ -222,26 +220,6 @@ def test_an_eccentric_wheel_puts_sidebands_a_turn_apart():
         assert (min(spectrum[39], spectrum[41]) > 3e-5 * spectrum[40]) == there
 
 
-def test_runout_is_a_transmission_error():
-    pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.03, pressure_angle_rad=np.radians(20))
-    middle, wheel = pair.contact_ratio / 2, FaultyGear(teeth=40)
-    (runout,) = transmission_errors(GearDamage.on(wheel, runout_m=2e-5), pair=pair, gear=1, first=7)
-    assert runout.period == 40
-    assert_allclose(runout(7 + middle + np.array([0, 10, 20, 40])), [2e-5, 0, -2e-5, 2e-5], atol=1e-18)
-
-
-def test_contact_is_lost_by_a_load():
-    broken = GearDamage.on(FaultyGear(teeth=20))
-    broken.broken_m[0] = 9e-3
-    with pytest.raises(ValueError, match="static force"):
-        [*damaged_teeth(broken, gear=1, first=4)]
-    pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.03, pressure_angle_rad=np.radians(20))
-    sharing = LoadSharing(gears=pair, pair_compliance=lambda since: np.full(since.shape, 3e-9), static_n=1e3)
-    (gone,) = damaged_teeth(broken, gear=1, first=4, sharing=sharing)
-    assert (gone.gear, gone.tooth) == (1, 4)
-    assert np.all(np.isinf(gone.fault.added_compliance(None, 1, np.array([0.1, 1.5]))))
-
-
 @pytest.mark.parametrize("order", [3, 4])
 def test_the_way_from_force_to_channel_has_its_frequency_response(order):
     chain = {
@@ -378,10 +356,3 @@ def test_an_error_that_cannot_be_reached_says_what_a_scene_can_change():
     )
     with pytest.raises(SceneError, match=r"cannot be followed in time: .* Raise dynamics\.error or rate_hz; or check"):
         simulate(loose, seed=SEED)
-
-
-def test_the_shipped_scene_of_gears_in_motion():
-    record = simulate(load_scene("gears-in-motion").changed(duration_s=0.3), seed=1)
-    check_record(record)
-    assert record.sizes["truth_tooth_pass_1"] in (7, 8)  # 25 turns a second
-    assert 0.01 < np.std(record["input vertical"].values) < 10

@@ -1,15 +1,11 @@
 """Free vibration after a start or a jump of the load against a mass on a spring that is set off equilibrium."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from moving_pair import BASE, INERTIAS, motion, scene
+from moving_pair import BASE, INERTIAS, scene
 from scipy import signal
 
 from data_synth import load_scene, simulate
-from data_synth.integrators.driver import integrate, integrate_blocks
-from data_synth.integrators.problem import Output
 
 STIFF, ZETA = {name: {"radial_n_m": 1e12} for name in ("pinion", "gear")}, 0.01
 RIGID = {  # forces of the pinion's bearing move a housing that hangs softly, others do not
@@ -44,19 +40,3 @@ def test_nothing_else_is_all_of_it_and_no_jump_none():
     mesh = declared.dynamics.mesh("mesh").changed(shape="constant", step_n_m=None, contact_ratio=None)
     started = declared.changed(dynamics=declared.dynamics.changed(meshes=(("mesh", mesh),)))
     assert simulate(started, seed=1)["truth_free"].values == pytest.approx([1, 1], abs=0.02)
-
-
-@pytest.mark.parametrize("block", [50, 1000])
-def test_a_shift_of_the_state_is_added_to_it(block):
-    # teeth and bearings are linear: displacements add up
-    moving = motion(scene(mesh=EVEN))
-    problem, output = moving.problem(0.0, 0.01), Output(rate_hz=20_000, displacement=np.eye(6))
-    at_once = replace(problem.start, displacement=1e-6 * np.arange(6.0), velocity=np.zeros(6))
-    shifted = replace(problem, shifts=((0.004, at_once),))
-    blocks = integrate_blocks(shifted, output=output, steps=4, block=block)
-    found = np.concatenate([each.values for each in blocks])
-    whole = integrate(problem, output=output, steps=4).values
-    still = replace(problem, load=replace(problem.load, constant=np.zeros(6), varying=None, directions=None))
-    alone = integrate(replace(still, start=at_once), output=output, steps=4).values
-    np.testing.assert_allclose(found[:81], whole[:81], rtol=0, atol=1e-18)
-    np.testing.assert_allclose(found[81:], (whole[81:] + alone[1:121]), rtol=0, atol=1e-13)

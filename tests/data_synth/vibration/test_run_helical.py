@@ -17,7 +17,7 @@ from data_synth.vibration.run import motion_of, prepare_gears
 HELIX, NORMAL = np.radians(15), np.radians(20)
 TEETH, MODULE = np.array([20, 40]), 4e-3
 PITCH_RADII = MODULE * TEETH / np.cos(HELIX) / 2
-MASS, POLAR, TILT = np.array([5.0, 12.0]), np.array([0.01, 0.06]), np.array([0.006, 0.033])
+MASS, POLAR = np.array([5.0, 12.0]), np.array([0.01, 0.06])
 RADIAL, AXIAL, TILTING = np.array([4e7, 6e7]), np.array([3e7, 5e7]), np.array([2e5, 4e5])
 MESH, LOAD = 3e8, np.array([150.0, 300.0])
 SEED = 3
@@ -170,10 +170,3 @@ def test_the_channel_is_what_twelve_equations_give():
     # 1e-4 each of steps and of the start, and as much of the force between its samples
     assert np.std(record["a"].values[:600] - expected) < 3e-4 * np.std(expected)
     assert np.std(expected) > 0.01
-
-
-def test_the_other_hand_pushes_the_other_way():
-    right, left = (simulate(scene(hand=hand, direction=(1, 0, 0)), seed=SEED)["a"].values for hand in ("right", "left"))
-    # a mirror image but for gyroscopic moments, which do not mirror
-    assert np.std(right + left) < 1e-2 * np.std(right)
-    assert np.std(right) > 0.01
