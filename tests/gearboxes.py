@@ -48,6 +48,17 @@ STEPPED = {
     },
     "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
 }
+# what scenes of several tests share; each changes what it is about
+TWO_STAGE = {
+    "gearbox": "two-stage",
+    "rate_hz": 20_000,
+    "duration_s": 1.0,
+    "fidelity": "kinematic",
+    "speed": {"link": "input", "rpm": 1500},
+    "tachometer": {"link": "input", "pulses_per_rev": 1},
+    "noise": {"rms": 0},
+    "sensor": [{"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}],
+}
 SHORT_SCENE = """gearbox = "two-stage"
 rate_hz = 5000
 duration_s = 0.2

@@ -2,6 +2,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, load_scene, simulate
@@ -10,14 +11,8 @@ from data_synth.transfer._acquisition_kernels import add_pole_responses
 from hums.records.channels import tachometers
 
 HEALTHY = {
-    "gearbox": "two-stage",
-    "rate_hz": 20_000,
-    "duration_s": 1.0,
-    "fidelity": "kinematic",
+    **TWO_STAGE,
     "speed": {"link": "input", "rpm": 6000},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
-    "noise": {"rms": 0},
-    "sensor": [{"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}],
 }
 RUN_UP = {
     **HEALTHY,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, simulate
@@ -9,12 +10,8 @@ from data_synth.simulation import simulate_with_detectability
 
 RATE_HZ = 5000.0
 BASE = {
-    "gearbox": "two-stage",
+    **TWO_STAGE,
     "rate_hz": RATE_HZ,
-    "duration_s": 1.0,
-    "fidelity": "kinematic",
-    "speed": {"link": "input", "rpm": 1500},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
     "excitation": {"harmonics": 1},
     "resonance": {"frequency_hz": 1800, "damping_ratio": 0.03},
     "noise": {"rms": 0.2},

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from counting import calls
-from gearboxes import without_sizes
+from gearboxes import TWO_STAGE, without_sizes
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, load_scene, simulate
@@ -16,13 +16,10 @@ from data_synth.scene.faults import FAULT_KINDS
 from hums.records.store import save_record
 
 BASE = {
+    **TWO_STAGE,
     "gearbox": without_sizes("two-stage"),
-    "rate_hz": 20_000,
     "duration_s": 0.5,
-    "fidelity": "kinematic",
     "speed": {"link": "input", "rpm": [[0, 1500], [0.5, 1530]]},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
-    "noise": {"rms": 0},
     "sensor": [{"name": name, "on": "input bearing", "units": "g"} for name in ("a", "b")],
 }
 GEAR = ["tooth_crack", "chipping", "missing_tooth", "spall", "pitting", "eccentricity", "misalignment", "wear"]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gearboxes import held_planetary
+from gearboxes import TWO_STAGE, held_planetary
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
@@ -10,16 +10,12 @@ from data_synth import Scene, SceneError, simulate
 RATE = 16_000
 BEARING = "intermediate bearing"
 SCENE = {
-    "gearbox": "two-stage",
+    **TWO_STAGE,
     "rate_hz": RATE,
     "duration_s": 2.0,
-    "fidelity": "kinematic",
     "speed": {"link": "input", "rpm": [[0, 1400], [2, 1500]]},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
-    "noise": {"rms": 0},
     "resonance": {"frequency_hz": 3000, "damping_ratio": 0.1},
     "excitation": {"shaft_amplitude": 0, "mesh_amplitude": 0},
-    "sensor": [{"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}],
 }
 SHAFT = -23 / 67  # of the bearing's, against the input
 

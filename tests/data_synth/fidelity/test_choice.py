@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from declared_pair import declared_pair
+from declared_pair import PAIR, declared_pair
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
@@ -85,56 +85,8 @@ def test_even_teeth_with_errors_are_lines_and_nothing_else():
 
 
 def pair(*, mesh, **changes):
-    table = {
-        "gearbox": declared_pair(),
-        "rate_hz": 20_000,
-        "duration_s": 0.2,
-        "fidelity": "auto",
-        "speed": {"link": "pinion", "rpm": 600},
-        "torque": {"link": "wheel", "nm": 300},
-        "tachometer": {"link": "pinion", "pulses_per_rev": 12},
-        "excitation": {"shaft_amplitude": 0},
-        "noise": {"rms": 0},
-        "dynamics": {
-            "links": {
-                "pinion": {"mass_kg": 5, "inertia_kg_m2": 0.01},
-                "wheel": {"mass_kg": 12, "inertia_kg_m2": 0.06},
-            },
-            "meshes": {"mesh": mesh},
-            "bearings": {"pinion": {"radial_n_m": 4e7, "damping_s": 1e-5}, "wheel": {"radial_n_m": 6e7}},
-            "damping_ratio": 0.05,
-            "housing_kg": 15,
-            "mounts": {"frequency_hz": 150, "damping_ratio": 0.4},
-            "elsewhere": 0.25,
-            "rigid_below_hz": 1e-6,  # weights act at every frequency
-            "floor_db": -0.001,
-        },
-        "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 1], "units": "m s-2"}],
-    }
-    return Scene.from_mapping(table | changes)
-
-
-def test_lines_of_a_pair_are_those_of_its_receptance():
-    """One error harmonic on springs: the bearing's force from a direct solve of all six equations."""
-    module, teeth, angle = 4e-3, np.array([20, 40]), np.radians(20)
-    base = module * teeth * np.cos(angle) / 2
-    g = np.array([np.sin(angle), np.cos(angle), base[0], -np.sin(angle), -np.cos(angle), base[1]])
-    mass, spring = np.diag([5, 5, 0.01, 12, 12, 0.06]), np.diag([4e7, 4e7, 0, 6e7, 6e7, 0.0])
-    stiffness = spring + 8e7 * np.outer(g, g)
-    squares, shapes = eigh(stiffness, mass)
-    damping = mass @ (shapes * (2 * 0.05 * np.sqrt(np.maximum(squares, 0)))) @ shapes.T @ mass
-    damping += 1e-5 * np.diag([4e7, 4e7, 0, 0, 0, 0])
-    record = simulate(pair(mesh={"shape": "constant", "stiffness_n_m": 8e7, "error_um": 3}), seed=3)
-    w = 2 * np.pi * 10 * 20
-    q = np.linalg.solve(stiffness - w**2 * mass + 1j * w * damping, g * 8e7 * 3e-6)
-    force = q[1] * (4e7 + 1j * w * 400) + 0.25 * q[4] * 6e7
-    mounts = 2 * np.pi * 150
-    expected = force * -(w**2) / 15 / (mounts**2 - w**2 + 2j * 0.4 * mounts * w)
-    found = record["truth_amplitude"].sel(truth_order=20).values[0]
-    assert_allclose(np.abs(found), abs(expected), rtol=1e-9)
-    spectrum = np.fft.rfft(record["a"].values) * 2 / 4000
-    assert_allclose(np.abs(spectrum[40]), abs(expected), rtol=1e-9)
-    assert np.max(np.abs(np.delete(spectrum, 40))) < 1e-9 * abs(expected)
+    dynamics = {**PAIR["dynamics"], "meshes": {"mesh": mesh}, "floor_db": -0.001}
+    return Scene.from_mapping({**PAIR, "fidelity": "auto", "dynamics": dynamics, **changes})
 
 
 def test_lines_of_a_swinging_stiffness_are_those_of_hills_determinant():

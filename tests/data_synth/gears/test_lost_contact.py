@@ -160,20 +160,6 @@ def test_what_stiffness_does_not_lose_the_error_has():
 # ---- flanks that are no involutes on purpose -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share_of_load", [1.0, 0.5])
-def test_long_tip_relief_of_the_deflection_leaves_none_of_it_at_its_load(share_of_load):
-    # Harris 1958: of two pairs that share, the reliefs add up to F / k all along the double contact
-    relief = FlankModification(relief_tip_m=FORCE / ONE)
-    sharing = replace(SHARING, static_n=share_of_load * FORCE, modification=relief)
-    since = np.linspace(0, RATIO - 1e-9, 400)
-    deflection = sharing.shared(since, gap=np.zeros_like).deflection_m
-    if share_of_load == 1:
-        assert_allclose(deflection, FORCE / ONE, rtol=1e-9)
-    else:  # too much of it at half: (F / 2 + F) / 2k where both share it, and less where one carries alone
-        assert np.max(deflection) == pytest.approx(0.75 * FORCE / ONE, rel=1e-3)
-        assert np.min(deflection) == pytest.approx(0.5 * FORCE / ONE, rel=1e-9)
-
-
 @pytest.mark.parametrize("crowning_um", [2.0, 8.0, 40.0])
 def test_a_crowned_face_deflects_by_the_integral_over_it(crowning_um):
     crown, d = 1e-6 * crowning_um, SHARING.static_n / ONE

@@ -72,23 +72,6 @@ class TestShapes:
         assert_allclose(wave(PHASES), direct, rtol=1e-13)
 
     @pytest.mark.parametrize(
-        "wave",
-        [
-            Rectangular(low=1.0, high=2.0, duty=0.3),
-            Trapezoidal(low=1.0, high=2.0, duty=0.5, ramp=0.2),
-            Fourier(mean=2.0, harmonics=np.array([0.5, 0.2j])),
-        ],
-        ids=["rectangle", "trapezium", "series"],
-    )
-    def test_shifting_moves_everything(self, wave):
-        late = Shifted(of=wave, by_cycles=-0.37)
-        assert_allclose(late(PHASES), wave(PHASES - 0.37))
-        assert late.mean == wave.mean
-        assert_allclose(late.jumps, sorted((jump + 0.37) % 1 for jump in wave.jumps))
-        for jump in late.jumps:
-            assert abs(late(jump + 1e-9) - late(jump - 1e-9)) > 0.5
-
-    @pytest.mark.parametrize(
         ("build", "words"),
         [
             (lambda: Constant(mean=math.nan), "mean = nan"),

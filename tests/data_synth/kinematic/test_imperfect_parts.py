@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from gearboxes import without_sizes
+from gearboxes import TWO_STAGE, without_sizes
 from numpy.testing import assert_allclose
 from scipy.special import jv
 
@@ -17,16 +17,14 @@ from data_synth.vibration.run import prepare_gears
 GRAVITY = 9.80665
 SILENT = {"shaft_amplitude": 0, "mesh_amplitude": 0}
 MILL = {
-    "gearbox": "two-stage",
+    **TWO_STAGE,
     "rate_hz": 4000,
     "duration_s": 3.35,  # 67 turns of the pinion at 20 rev/s: lines of stage 1 are whole bins
-    "fidelity": "kinematic",
     "speed": {"link": "input", "rpm": 1200},
     "torque": {"link": "output", "nm": 300},
     "tachometer": {"link": "input", "pulses_per_rev": 1, "offset_rev": 0},
     "excitation": SILENT,
     "resonance": {"frequency_hz": 1500, "damping_ratio": 0.03},
-    "noise": {"rms": 0},
     "dynamics": {
         "meshes": {
             name: {"module_mm": module, "face_width_mm": 30, "pressure_angle_deg": 20}
@@ -84,21 +82,15 @@ def test_a_grade_needs_a_module():
 
 
 @pytest.mark.parametrize(("units", "per"), [("m s-2", 1.0), ("g", 1 / GRAVITY)])
-def test_imbalance_has_the_force_of_its_grade(units, per):
-    sensor = [MILL["sensor"][0] | {"units": units}]
-    signal = values({"imbalance": {"grade": 16, "rotor_kg": 3}}, sensor=sensor)
-    for ratio in (1, 23 / 67):  # G is e w at top speed: m e w^2 / M
-        speed_rad_s = 2 * np.pi * 20 * ratio
-        assert_allclose(amplitude(signal, 20 * ratio), per * 3 * 16e-3 * speed_rad_s / 20, rtol=1e-3)
-
-
-def test_imbalance_is_that_of_the_rated_speed_and_of_each_shaft_s_mass():
-    # at half the rated speed e w is half of G, and m e w^2 a quarter of m G w_rated
-    masses = {"input": 3.0, "intermediate": 5.0, "output": 7.0}
-    signal = values({"imbalance": {"grade": 16, "rated_rpm": 2400, "rotor_kg": masses}})
+def test_imbalance_has_the_force_of_its_grade_at_the_rated_speed_and_of_each_shaft_s_mass(units, per):
+    # G is e w at the rated speed, by default the top one; at half of it m e w^2 / M of a housing of 20 kg halves
+    sensor, masses = [MILL["sensor"][0] | {"units": units}], {"input": 3.0, "intermediate": 5.0, "output": 7.0}
+    plain = values({"imbalance": {"grade": 16, "rotor_kg": 3}}, sensor=sensor)
+    rated = values({"imbalance": {"grade": 16, "rated_rpm": 2400, "rotor_kg": masses}}, sensor=sensor)
     for ratio, mass in ((1, 3.0), (23 / 67, 5.0)):
         speed_rad_s = 2 * np.pi * 20 * ratio
-        assert_allclose(amplitude(signal, 20 * ratio), mass * 16e-3 / 2 * speed_rad_s / 20, rtol=1e-3)
+        assert_allclose(amplitude(plain, 20 * ratio), per * 3 * 16e-3 * speed_rad_s / 20, rtol=1e-3)
+        assert_allclose(amplitude(rated, 20 * ratio), per * mass * 16e-3 / 2 * speed_rad_s / 20, rtol=1e-3)
     with pytest.raises(SceneError, match="rotor_kg names input, but the shafts are input, intermediate, output"):
         values({"imbalance": {"rotor_kg": {"input": 3.0}}})
 

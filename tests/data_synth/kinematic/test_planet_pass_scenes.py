@@ -1,16 +1,9 @@
-from functools import partial
-
 import numpy as np
 import pytest
 from gearboxes import held_planetary
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
-from data_synth.dynamics.placement import contacts_of, planet_phase_lag
-from data_synth.scene.random_streams import random_stream
-from data_synth.sources.families import healthy_families
-from data_synth.vibration.meshes import kinematics_of
-from hums.gearbox.model import load_gearbox
 
 SCENE = {
     "gearbox": "planetary-27-36-99",
@@ -111,33 +104,3 @@ def test_planets_at_unequal_places_bring_the_other_lines_back():
         assert heard == {82: pytest.approx(0.5 * abs(np.mean(np.exp(2j * np.pi * teeth * turns))), rel=1e-9)}
         passed = lines(gearbox=uneven, planet_pass=WINDOW, excitation={"shaft_amplitude": 0, "harmonics": 1} | silent)
         assert {80, 82, 83} <= set(passed)
-
-
-@pytest.mark.filterwarnings("ignore::hums.gearbox.model.GearboxWarning")
-@pytest.mark.parametrize("name", ["planetary-27-36-99", "wind-turbine-3-stage", "wolfrom", "oh-58"])
-def test_the_phases_are_those_of_gears_in_motion(name):
-    gearbox = load_gearbox(name)
-    table = {**SCENE, "gearbox": name, "rate_hz": 200_000, "excitation": {"shaft_amplitude": 0, "harmonics": 4}}
-    link = {"link": gearbox.reference}
-    size = {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20}
-    table |= {"speed": link | {"rpm": 60}, "tachometer": link | {"pulses_per_rev": 60}, "noise": {"rms": 0}}
-    table |= {"dynamics": {"meshes": {mesh.name: size for mesh in gearbox.meshes}}, "duration_s": 0.1}
-    table["sensor"] = [{"name": "a", "on": gearbox.reference, "units": "g"}]
-    scene = Scene.from_mapping(table)
-    kinematics = kinematics_of(scene)
-    made = simulate(scene, seed=2)
-    heard = dict(zip(made["truth_order"].values.round(9), np.abs(made["truth_amplitude"].values[0, :, 0]), strict=True))
-    alone = {family.component: family for family in healthy_families(scene, rng_for=partial(random_stream, 2))}
-    for mesh in gearbox.meshes:
-        order = alone[mesh.name].base_order
-        if sum(family.base_order == order for family in alone.values() if family.kind == "gear_mesh") > 1:
-            continue  # meshes at one order are added
-        lags = [
-            planet_phase_lag(kinematics, contact)
-            for contact in contacts_of(kinematics, {})
-            if contact.mesh == mesh.name
-        ]
-        for harmonic in range(1, 5):
-            share = abs(np.mean(np.exp(-2j * np.pi * harmonic * np.array(lags, dtype=float))))
-            expected = share * abs(alone[mesh.name].coefficients[harmonic - 1])
-            assert heard.get(round(float(harmonic * order), 9), 0.0) == pytest.approx(expected, rel=1e-3, abs=1e-9)

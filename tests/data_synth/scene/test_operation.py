@@ -1,17 +1,15 @@
 import numpy as np
 import pytest
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
 
 BASE = {
-    "gearbox": "two-stage",
+    **TWO_STAGE,
     "rate_hz": 10_000,
     "duration_s": 2.0,
-    "fidelity": "kinematic",
     "speed": {"link": "input", "rpm": 900},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
-    "noise": {"rms": 0},
     "sensor": [{"name": "a", "on": "input bearing", "units": "g"}],
 }
 

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, load_scene, simulate
@@ -11,15 +12,12 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.sources.disturbances import noise_level
 
 MILL = {
-    "gearbox": "two-stage",
+    **TWO_STAGE,
     "rate_hz": 10_000,
     "duration_s": 2,
-    "fidelity": "kinematic",
     "speed": {"link": "input", "rpm": [[0, 900], [2, 1200]]},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
     "excitation": {"shaft_amplitude": 0, "mesh_amplitude": 0},
     "resonance": {"frequency_hz": 2500, "damping_ratio": 0.05},
-    "noise": {"rms": 0},
     "sensor": [{"name": name, "on": "input bearing", "units": "m s-2", "anti_alias": "none"} for name in ("a", "b")],
 }
 MODE = {"frequency_hz": 2000, "damping_ratio": 0.04}

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import scipy.signal
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
@@ -23,13 +24,8 @@ LINEAR = {
     "anti_alias": {"frequency_hz": 6000, "order": 5},
 }
 SCENE = {
-    "gearbox": "two-stage",
-    "rate_hz": 20_000,
-    "duration_s": 1.0,
-    "fidelity": "kinematic",
-    "speed": {"link": "input", "rpm": 1500},
+    **TWO_STAGE,
     "tachometer": {"link": "input", "pulses_per_rev": 1, "offset_rev": 0.25},
-    "noise": {"rms": 0},
     "sensor": [SENSOR],
 }
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 from declared_pair import declared_pair
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 from scipy.signal import freqs
 
@@ -13,19 +14,19 @@ from data_synth import Scene, SceneError, load_scene, simulate
 
 RATE = 20_000
 SCENE = {
-    "gearbox": "two-stage",
-    "rate_hz": RATE,
+    **TWO_STAGE,
     "duration_s": 0.5,
-    "fidelity": "kinematic",
     "speed": {"link": "input", "rpm": [[0, 1500], [0.5, 1530]]},
-    "tachometer": {"link": "input", "pulses_per_rev": 1},
-    "noise": {"rms": 0},
     "sensor": [{"name": name, "on": "input bearing", "units": "m s-2", "anti_alias": "none"} for name in ("a", "b")],
 }
 SILENT = {"shaft_amplitude": 0, "mesh_amplitude": 0}
 # (Hz, damping ratio, gain)
 MODES = [(900.0, 0.04, 2.0), (3100.0, 0.02, -0.5)]
 TABLE = [{"frequency_hz": f, "damping_ratio": z, "gain": g} for f, z, g in MODES]
+# the same by their residues, as modal analysis states them: g w^2 / (2 j w_d)
+RESIDUES = [
+    {"frequency_hz": f, "damping_ratio": z, "residue": [0.0, -g * np.pi * f / np.sqrt(1 - z**2)]} for f, z, g in MODES
+]
 BEARING = "intermediate bearing"
 
 
@@ -69,9 +70,9 @@ def integral(lines, times_s):
     return np.array([2 * np.trapezoid(values * np.exp(2j * np.pi * grid * t), grid).real for t in times_s])
 
 
-@pytest.mark.parametrize("source", ["stage 1", "output"])
-def test_lines_pass_the_modes_of_their_way(source):
-    plain, declared = made(), made(way(source))
+@pytest.mark.parametrize(("source", "modes"), [("stage 1", TABLE), ("output", RESIDUES)])
+def test_lines_pass_the_modes_of_their_way(source, modes):
+    plain, declared = made(), made(way(source, modes=modes))
     mine = np.array([source in name.split(", ")[0] for name in plain["truth_source_name"].values])
     assert mine.sum() == 1
     z, path_residues = (record["truth_amplitude"] for record in (plain, declared))

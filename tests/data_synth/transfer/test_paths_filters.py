@@ -3,11 +3,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.integrate import solve_ivp
 
 from data_synth.scene.sensors import Sensor
 from data_synth.transfer.acquisition import measured_filter
-from data_synth.transfer.housing import AHEAD, PoleFilter, step_weights
+from data_synth.transfer.housing import step_weights
 from data_synth.transfer.paths import AnalogFilter, MeasuredPath, ModalPath
 
 RATE = 20_000.0
@@ -16,47 +15,6 @@ PATH = ModalPath(
     damping_ratios=np.array([0.02, 0.05]),
     residues=np.array([1.0 - 2.0j, 0.5j]),
 )
-
-
-def test_the_response_is_that_of_an_oscillator():
-    # displacement of m x'' + c x' + k x = F: 1 / (k - m w^2 + j c w); residue -j / (2 m w_d)
-    mass, damper, spring = 2.0, 40.0, 5e6
-    natural = np.sqrt(spring / mass)
-    zeta = damper / (2 * mass * natural)
-    residue = -0.5j / (mass * natural * np.sqrt(1 - zeta**2))
-    path = ModalPath(
-        frequencies_hz=np.array([natural / 2 / np.pi]),
-        damping_ratios=np.array([zeta]),
-        residues=np.array([residue]),
-    )
-    frequency = np.array([0.0, 100.0, 251.0, 900.0])
-    omega = 2 * np.pi * frequency
-    assert_allclose(path.response(frequency), 1 / (spring - mass * omega**2 + 1j * damper * omega), rtol=1e-12)
-    # an impulse is a start at 1 / m
-    times = np.linspace(0, 0.05, 30)
-    exact = solve_ivp(
-        lambda _, y: [y[1], -(damper * y[1] + spring * y[0]) / mass],
-        (0, 0.05),
-        [0, 1 / mass],
-        t_eval=times,
-        rtol=1e-11,
-        atol=1e-16,
-    ).y[0]
-    poles, residues = AnalogFilter().residues("a", before=path)
-    assert_allclose((np.exp(np.outer(times, poles)) @ residues).real, exact, atol=1e-9 * np.max(np.abs(exact)))
-
-
-def test_what_is_sampled_passes_the_poles_as_the_response_says():
-    # a sum of sines below a fifth of the rate, long after its beginning
-    times, frequencies = np.arange(20_000) / RATE, np.array([200.0, 790.0, 1900.0, 3900.0])
-    force = np.cos(2 * np.pi * np.outer(times, frequencies)).sum(axis=1)
-    whole = PoleFilter(AnalogFilter(), rate_hz=RATE, before=PATH).push(force)[AHEAD:]
-    expected = (np.exp(2j * np.pi * np.outer(times, frequencies)) @ PATH.response(frequencies)).real[:-AHEAD]
-    # 1e-4 up to a tenth of the rate, 5e-3 up to a fifth
-    assert_allclose(whole[8000:], expected[8000:], atol=3e-3 * np.max(np.abs(expected)))
-    running = PoleFilter(AnalogFilter(), rate_hz=RATE, before=PATH)
-    parts = [running.push(block) for block in blocks(force, [1, 37, 4000])]
-    assert_allclose(np.concatenate(parts)[AHEAD:], whole, atol=1e-12 * np.max(np.abs(whole)))
 
 
 @pytest.mark.parametrize("pole", [-1e-9 + 3e-9j, -5e-5 + 8e-5j, -2e-3 + 5e-3j, -0.01 + 0.2j, -1.0 + 2.0j])

@@ -120,10 +120,9 @@ def test_what_rings_after_a_jump_of_the_torque_is_no_line_and_the_record_says_ho
     assert np.mean(error**2) < 3e-3 * np.mean(record["a"].values[settled] ** 2)
 
 
-@pytest.mark.parametrize("steady", [True, False])
-def test_a_small_fault_has_its_lines_far_below_the_record_s_and_a_record_says_what_they_leave(steady):
+def test_a_small_fault_has_its_lines_far_below_the_record_s_and_a_record_says_what_they_leave():
     fault = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.02}
-    speed = {"link": "input", "rpm": [[0, 1200], [3, 1200 if steady else 1290]]}
+    speed = {"link": "input", "rpm": [[0, 1200], [3, 1290]]}
     cracked = load_scene("gears-in-motion").changed(duration_s=3.0, speed=speed, faults=(fault,))
     faulty, sound = clean(cracked), clean(cracked.changed(faults=()))
     name = cracked.sensors[0].name
@@ -133,12 +132,6 @@ def test_a_small_fault_has_its_lines_far_below_the_record_s_and_a_record_says_wh
     assert left < 0.03
     assert faulty["truth_fault_left"].item() == pytest.approx(left, abs=0.02)
     assert "truth_fault_left" not in sound
-
-
-def spalled_planet():
-    """A tooth meets the ring 82 / 31 times a turn, at all angles: its lines are a 31st of the carrier's order apart."""
-    fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1, "width_mm": 30}
-    return load_scene("planets-in-motion").changed(duration_s=1.0, faults=(fault,))
 
 
 def cracked_planet_below_bevel_gears():
@@ -168,9 +161,9 @@ def cracked_planet_below_bevel_gears():
 
 
 @pytest.mark.filterwarnings("ignore::hums.GearboxWarning")
-@pytest.mark.parametrize("damaged", [spalled_planet, cracked_planet_below_bevel_gears])
-def test_of_more_lines_than_a_short_record_has_room_for_the_loudest_are_kept_and_it_says_what_they_leave(damaged):
-    record, sound = clean(damaged()), clean(damaged().changed(faults=()))
+def test_of_more_lines_than_a_short_record_has_room_for_the_loudest_are_kept_and_it_says_what_they_leave():
+    damaged = cracked_planet_below_bevel_gears()
+    record, sound = clean(damaged), clean(damaged.changed(faults=()))
     channel = record["truth_channel"].values[0]
     assert record["truth_amplitude"].nbytes <= record[channel].nbytes
     added = record[channel].to_numpy() - sound[channel].to_numpy()

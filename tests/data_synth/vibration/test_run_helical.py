@@ -4,9 +4,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from declared_pair import declared_pair
+from declared_pair import PAIR, declared_pair
 from numpy.testing import assert_allclose
-from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from data_synth import Scene, simulate
@@ -24,36 +23,22 @@ SEED = 3
 
 
 def scene(fidelity="dynamic", *, hand="right", shape="constant", direction=(0, 0, 1), **changes):
-    table = {
-        "gearbox": declared_pair(name="helical pair", helix_angle_deg=15, hand=hand),
-        "rate_hz": 20_000,
-        "duration_s": 0.1,
-        "fidelity": fidelity,
-        "speed": {"link": "pinion", "rpm": 600},
-        "torque": {"link": "wheel", "nm": 300},
-        "tachometer": {"link": "pinion", "pulses_per_rev": 12, "offset_rev": 0.03},
-        "excitation": {"shaft_amplitude": 0},
-        "noise": {"rms": 0},
-        "dynamics": {
-            "links": {
-                "pinion": {"mass_kg": 5, "inertia_kg_m2": 0.01},
-                "wheel": {"mass_kg": 12, "inertia_kg_m2": 0.06},
-            },
-            "meshes": {"mesh": {"shape": shape, "stiffness_n_m": MESH, "error_um": 3}},
-            "bearings": {
-                "pinion": {"radial_n_m": 4e7, "axial_n_m": 3e7, "tilt_nm_rad": 2e5},
-                "wheel": {"radial_n_m": 6e7, "axial_n_m": 5e7, "tilt_nm_rad": 4e5},
-            },
-            "damping_ratio": 0.05,
-            "housing_kg": 15,
-            "mounts": {"frequency_hz": 150, "damping_ratio": 0.4},
-            "elsewhere": 0.0,
-            "rigid_below_hz": 1e-6,  # weights act at every frequency
-            "error": 1e-4,
+    dynamics = {
+        **PAIR["dynamics"],
+        "meshes": {"mesh": {"shape": shape, "stiffness_n_m": MESH, "error_um": 3}},
+        "bearings": {
+            "pinion": {"radial_n_m": 4e7, "axial_n_m": 3e7, "tilt_nm_rad": 2e5},
+            "wheel": {"radial_n_m": 6e7, "axial_n_m": 5e7, "tilt_nm_rad": 4e5},
         },
-        "sensor": [{"name": "a", "on": "pinion", "direction": list(direction), "units": "m s-2", "anti_alias": "none"}],
+        "elsewhere": 0.0,
     }
-    return Scene.from_mapping(table | changes)
+    helical = {
+        "gearbox": declared_pair(name="helical pair", helix_angle_deg=15, hand=hand),
+        "fidelity": fidelity,
+        "dynamics": dynamics,
+        "sensor": [PAIR["sensor"][0] | {"direction": list(direction)}],
+    }
+    return Scene.from_mapping({**PAIR, **helical, **changes})
 
 
 def ready(declared):
@@ -98,17 +83,6 @@ def matrices():
     return np.diag(inertia), stiffness, damping, gyroscopic
 
 
-def test_frequencies_are_those_of_twelve_equations():
-    mass, stiffness, _, _ = matrices()
-    expected = np.sqrt(eigh(stiffness, mass, eigvals_only=True)[1:])
-    system = motion(scene()).system
-    assert system.dof == 12
-    found = np.sqrt(eigh(system.mean_stiffness(), system.mass, eigvals_only=True)[1:])
-    assert_allclose(found, expected, rtol=1e-9)
-    # without a helix axial motion is free of the mesh: sqrt(k / m) of either gear is a mode
-    assert np.min(np.abs(found - np.sqrt(3e7 / 5))) > 1e-3 * found[0]
-
-
 @pytest.mark.parametrize(("hand", "sign"), [("right", -1), ("left", 1)])
 def test_the_axial_force_at_rest_is_the_tangential_one_times_the_tangent_of_the_helix(hand, sign):
     for way, number in (((0, 0, 1), 1), ((0, 1, 0), 0), ((1, 0, 0), 2)):
@@ -143,30 +117,3 @@ def test_lines_of_the_linear_response_are_those_of_twelve_equations():
     expected = np.array([q[1] * 4e7, q[2] * 3e7, q[0] * 4e7]) * housing
     assert_allclose(np.abs(found), np.abs(expected), rtol=1e-8)
     assert_allclose(np.angle(found / found[0]), np.angle(expected / expected[0]), atol=1e-8)
-
-
-def test_the_channel_is_what_twelve_equations_give():
-    mass, stiffness, damping, gyroscopic = matrices()
-    later = random_stream(SEED, "phase", "gear_mesh", "mesh", "teeth").random()
-    g, inertia = direction(-1.0), np.diag(mass)
-    load = np.zeros(12)
-    load[[5, 11]] = LOAD
-    w, zeta = 2 * np.pi * 150, 0.4
-
-    def slope(t, state):
-        q, v, (h, u) = state[:12], state[12:24], state[24:]
-        error = 3e-6 * np.cos(2 * np.pi * (20 * (10 * t - 0.03) + later))
-        a = (load - stiffness @ q - (damping + gyroscopic) @ v + MESH * error * g) / inertia
-        return np.concatenate([v, a, [u, 3e7 * q[2] / 15 - 2 * zeta * w * u - w**2 * h]])
-
-    rest = np.linalg.lstsq(stiffness, load, rcond=1e-13)[0]
-    start = np.concatenate([rest, np.zeros(12), [3e7 * rest[2] / 15 / w**2, 0]])
-    record = simulate(scene(direction=(1, 0, 0)), seed=SEED)
-    times = record["time"].values[:600]
-    solved = solve_ivp(
-        slope, (-0.12, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-8, atol=1e-12, max_step=2e-4
-    )
-    expected = np.array([slope(t, state)[-1] for t, state in zip(solved.t, solved.y.T, strict=True)])
-    # 1e-4 each of steps and of the start, and as much of the force between its samples
-    assert np.std(record["a"].values[:600] - expected) < 3e-4 * np.std(expected)
-    assert np.std(expected) > 0.01
