@@ -8,11 +8,13 @@ from data_synth.bearings.impacts import (
     LoadZone,
     Slip,
     bearing_impacts,
+    passage_revolutions,
 )
 from hums.gearbox.bearing_catalogue import BearingOrders
 
 # 12 balls of 7.12 mm on 38.5 mm, 0 deg, inner ring turning: published per turn of the shaft
 BALLS = 12
+DIAMETERS = {"element_diameter_m": 7.12e-3, "pitch_diameter_m": 38.5e-3}
 BPFO, BPFI, BSF, FTF = 4.890390, 7.109610, 2.611184, 0.407532
 
 
@@ -79,6 +81,8 @@ def test_the_load_zone_of_rollers_with_clearance():
         (lambda: LoadZone(distribution=1.5), "distribution = 1.5 must be above 0"),
         (lambda: strikes("ball"), 'kind = "ball" is not a bearing fault'),
         (lambda: strikes("outer_race", rates=rates(inner=0.0)), "is never struck"),
+        # pi 38.5 / 2 (1 - 0.0342) / 7.1096 mm
+        (lambda: passage_revolutions("inner_race", rates=rates(), size_m=9e-3, **DIAMETERS), "keep it below 0.00821"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, sentence):

@@ -16,7 +16,7 @@ from data_synth.dynamics.assembly import (
 )
 from data_synth.dynamics.elements import Coupling, GearMesh, Shaft, Support, line_of_action_direction
 from data_synth.dynamics.modes import eigenvalues, solve_modes
-from data_synth.dynamics.system import SPACE, Body, build_system
+from data_synth.dynamics.system import SPACE, Body, MeshHistory, build_system
 from data_synth.gears.friction import SlidingFriction
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Constant
@@ -224,6 +224,14 @@ def with_coarse_ring(gearbox):
         (
             lambda: build_system([DISC], [Coupling(motions={("disc", "y"): 1.0}, stiffness=1.0)]),
             'does not have the motion "y"',
+        ),
+        (
+            lambda: MeshHistory(times_s=np.array([2.0, 1.0]), stiffnesses=(), errors=()),
+            "must be two or more increasing instants",
+        ),
+        (
+            lambda: MeshHistory(times_s=np.array([1.0, 2.0]), stiffnesses=(), errors=()),
+            "2 instants need as many stiffnesses and errors",
         ),
     ],
 )

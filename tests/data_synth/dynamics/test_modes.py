@@ -45,7 +45,9 @@ class TestModes:
         rng = np.random.default_rng(1)
         a, b = rng.standard_normal((2, 6, 6))
         mass, stiffness = a @ a.T + np.eye(6), b @ b.T
-        system = System(mass=mass, damping=0 * mass, stiffness=stiffness, meshes=(), names=("x",) * 6)
+        system = System(
+            mass=mass, damping=0 * mass, stiffness=stiffness, meshes=(), names=tuple(f"{one} x" for one in "abcdef")
+        )
         wanted = np.sqrt(linalg.eigh(stiffness, mass, eigvals_only=True))
         assert_allclose(solve_modes(system).angular, wanted, rtol=1e-9)  # of scipy's own error
 

@@ -176,6 +176,8 @@ def test_the_window_is_half_at_half_its_width():
 
 
 def test_what_makes_no_sense_is_refused():
+    with pytest.raises(ValueError, match="face width is not declared; give face_width_mm"):
+        LOCAL["chipping"].damage(1e-3, replace(GEAR, face_width_m=None))
     with pytest.raises(ValueError, match="count = 4 pitted teeth do not fit"):
         declared(Pitting, count=4, spread=3)
     with pytest.raises(ValueError, match="count"):

@@ -37,10 +37,16 @@ class TestGearPair:
         np.testing.assert_allclose(wide[:, 0] - none[:, 0], 5e-5, rtol=0, atol=1e-9)
         np.testing.assert_allclose(wide[:, 2], none[:, 2], rtol=1e-8)
 
-    def test_torques_out_of_balance_have_none(self):
-        problem = driven(pair(rectangle()), duration_s=PERIOD_S)
-        with pytest.raises(IntegrationError, match="still changes by"):
-            periodic_state(problem, output=READ, samples=20)
+    @pytest.mark.parametrize(
+        ("stiffness", "changes", "words"),
+        [
+            (rectangle(), {}, "still changes by"),  # torques out of balance
+            (rectangle(0.0, 2e9, 0.5), {"drag": DRAG}, "s is unstable: the variation"),
+        ],
+    )
+    def test_motion_without_a_steady_state_is_refused(self, stiffness, changes, words):
+        with pytest.raises(IntegrationError, match=words):
+            periodic_state(driven(pair(stiffness), duration_s=PERIOD_S, **changes), output=READ, samples=4)
 
 
 class TestMultipliers:
