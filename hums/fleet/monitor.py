@@ -417,7 +417,7 @@ def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown])
     rises, alarms = list[str](), []
     for name, one in shown.items():
         alarm = state.alarms.setdefault(name, Alarm())
-        if one.begins and not any(alarm.recent):
+        if one.begins and not any(alarm.recent) and alarm.state != RAISED:
             alarm.since = seen.when
         if alarm.step(one.value, bursts=one.bursts):
             rises.append(name)

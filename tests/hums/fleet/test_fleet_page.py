@@ -87,6 +87,9 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     assert "Its baseline is being learned: 0 records so far." in page
     assert re.search(r"stage 1/pinion: .* times normal, since 2026-04-10.*; inspect\.", page)
     assert 'href="reports' not in page
+    history.last.drivers["stage 1/pinion"] = ("a", "fm0", 30.0, 4123.4)
+    write_page([history], tmp_path / "far.html")
+    assert "fm0 of a 4,123 times normal" in (tmp_path / "far.html").read_text(encoding="utf-8")
     quiet.state = MachineState(machine="é" * 5000)
     write_page([quiet], tmp_path / "long.html")  # no folder has such a name
     assert "<td>1</td><td>0.037</td>" in page  # one alarm; a record a day at one false alarm in 10,000 records

@@ -30,6 +30,12 @@ class TestAlarms:
         assert len(alarm["baseline"]) == 12
         assert found[-1].index["stage 1/pinion"] > 1 > found[-1].index["stage 2/wheel"]
 
+    def test_an_alarm_that_stands_keeps_its_time(self):
+        rising = [observed(number, **(PINION if number in (40, 41, 240, 241) else {})) for number in range(40, 242)]
+        state, found = followed([*HEALTHY, *rising])
+        assert len(alarms(found)) == 1
+        assert state.alarms["stage 1/pinion"].since[:10] == "2026-04-10"  # the day of record 40
+
     def test_what_is_diagnosed_raises_one_by_two_of_three_whatever_the_charts_say(self):
         _, found = followed([*HEALTHY, with_verdict(40), observed(41), with_verdict(42), observed(43)])
         (alarm,) = alarms(found)
