@@ -74,7 +74,7 @@ BUDGETS = """
     signals/demodulation                                        905    736    750
     signals/harmonics, signals/slipping_order                  4012   2762   2500
     signals/health, signals/indicators                          955    817    800
-    signals/monitoring                                         1135    533    700
+    signals/monitoring                                         1135    531    700
     signals/resampling                                          799    743    600
     signals/shaft                                              3006   1899   2000
     signals/spectra                                             866    776    700

@@ -12,7 +12,6 @@ covariates x from their centre, x' (X'X + 1/tau^2)^-1 x, widens the deviation th
 regression (Draper and Smith 1998, Applied Regression Analysis, section 3.1).
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +23,6 @@ _CONSISTENT = 0.7784652**-0.5  # mean of min(|x|, 1.5)^2 of a standard normal va
 _MAD = 1.4826  # of a normal distribution: 1 / the quantile at 3/4
 _STEPS = 12  # of reweighting; it converges by a factor of three or more a step
 _FEWEST_PER_COVARIATE = 10  # records; below, a slope's error would add more than it removes
-_DRIFT_RECORDS = 50  # of the slower drift of healthy machines (docs/benchmarks/fleet.md)
 _ANY = 1e4  # deviations of a series over the range of a covariate: no prior
 _CERTAIN = 2.0
 """Ratio of the mean squared slope to its squared error above which a covariate has slopes. Series are correlated: with
@@ -94,8 +92,7 @@ def learn_baseline(
         Weight of the typical one, as a number of records: variances are averaged as in a scaled inverse chi-squared
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
     least_scale : array or float
-        Least standard deviation of each series, of what changes more slowly than a baseline lasts. Its variance falls
-        with the number of records above 50, over which healthy machines drift.
+        Least standard deviation of each series, of what changes more slowly than a baseline lasts.
     independent : float or (..., 1) array
         Ratio of the effective number of independent records to their number, which weights a deviation against the
         typical one.
@@ -122,7 +119,7 @@ def learn_baseline(
     own, usual = independent * np.maximum(dof - regressors[..., None], 0), np.square(prior_scale)
     with np.errstate(invalid="ignore"):
         pooled = np.sqrt((np.nan_to_num(own * scale**2) + prior_dof * usual) / (own + prior_dof))
-    pooled = np.maximum(pooled, least_scale * math.sqrt(min(1.0, _DRIFT_RECORDS / records)))
+    pooled = np.maximum(pooled, least_scale)
     watched = (2 * (dof + 1) >= max(2, records)) & (pooled > 0)
     return SeriesBaseline(
         center=np.where(watched, center, np.nan),

@@ -39,6 +39,11 @@ class TestPrior:
         found = learn_baseline(values, none(30), prior_scale=3.0, prior_dof=8.0).scale
         assert found == pytest.approx(np.sqrt((29 * own**2 + 8 * 9) / 37), rel=1e-12)
 
+    def test_a_long_quiet_baseline_leaves_the_least_deviation(self):
+        values = 0.01 * np.random.default_rng(6).standard_normal((300, 2))
+        found = learn_baseline(values, none(300), least_scale=np.array([0.1, 0.0]))
+        assert found.scale == pytest.approx([0.1, 0.01], rel=4 / np.sqrt(0.6 * 2 * 300))
+
     def test_two_records_have_it_for_the_most(self):
         found = learn_baseline(np.array([[1.0], [1.0]]), none(2), prior_scale=0.3, prior_dof=8.0)
         assert found.scale == pytest.approx(0.3 * np.sqrt(8 / 9), rel=1e-12)
