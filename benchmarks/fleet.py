@@ -96,12 +96,13 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
         f"{given.machines} machines, {WATCHED} monitored records each; a tenth as many with temperature and load "
         "measured with each record. The stated run length is the mean number of records of a machine from a state "
         "without alarms to the first alarm of any of its components and sensors; what follows while that stands is not "
-        "counted. It is measured as all records up to the first alarms over the number of these.\n"
+        "counted. It is measured as all records up to the first alarms over the number of these; nine in ten machines "
+        "reach the number of records in the last column but one.\n"
     )
     text = [
         words,
-        "| baseline, records | measured | stated: one in | alarms | in records | one in | 95% of that | within |",
-        "|---|---|---|---|---|---|---|---|",
+        "| baseline | measured | stated: one in | alarms | in records | one in | 95% of that | nine in ten | within |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for baseline in BASELINES:
         for measured, machines in (((), given.machines), (MEASURED_STATES, given.machines // 10)):
@@ -110,6 +111,7 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
             )
             for every, until in zip(RATES, fleets, strict=True):
                 alarms, records, low, high = run_lengths(until)
+                tenth = np.quantile(until, 0.1, method="lower")
                 within = "yes" if low <= every <= high else "no, fewer" if low > every else "no"
                 cells = (
                     baseline,
@@ -119,6 +121,7 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
                     f"{records:,}",
                     f"{records / max(alarms, 1):,.0f}",
                     f"{low:,.0f} to {high:,.0f}",
+                    f"{tenth:.0f}" if tenth < np.inf else f"over {WATCHED}",
                 )
                 text.append(f"| {' | '.join(map(str, cells))} | {within} |")
                 sys.stdout.write(f"{text[-1]}\n")
