@@ -140,9 +140,6 @@ def _matching(given: Path) -> list[Path]:
     return there
 
 
-_STATES_UTC = re.compile(r"%[A-Za-z]Z")
-
-
 def _parsed(name: str, pattern: str) -> datetime | None:
     try:
         return datetime.strptime(name, pattern)  # noqa: DTZ007 - the offset follows
@@ -158,7 +155,7 @@ def _time_of(name: str, pattern: str, time_zone: str | None) -> str:
             f'{name} does not match time_in_names = "{pattern}"; write it as in "data-%Y%m%dT%H%M%SZ", with the '
             "directives of strptime."
         )
-    moment = in_zone(moment, "UTC" if _STATES_UTC.search(pattern) else time_zone)
+    moment = in_zone(moment, "UTC" if re.search(r"%[A-Za-z]Z", pattern) else time_zone)
     if moment.tzinfo is None:
         raise RecordError(
             f'"{pattern}" does not state the UTC offset of {moment.isoformat()}: state time_zone, "Europe/Berlin", '

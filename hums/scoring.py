@@ -137,7 +137,6 @@ def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
     return np.asarray(np.interp(fine, coarse, values.real) + 1j * np.interp(fine, coarse, values.imag))
 
 
-MEASURED, MISSED = "measured", "missed"
 # Kind of line in which each kind of fault appears. Lines of shafts, meshes and sidebands also occur in healthy machines
 # and raise no finding.
 _KIND_OF_FAULT = {
@@ -169,7 +168,7 @@ def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, s
         if word == DIAGNOSED and (component, kind) not in true
     )
     measured = _measured(analysis)
-    words = [verdict.get(fault, MEASURED if fault in measured else MISSED) for fault in true]
+    words = [verdict.get(fault, "measured" if fault in measured else "missed") for fault in true]
     return [(*fault, word) for fault, word in zip(true, words, strict=True)], false
 
 

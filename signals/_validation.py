@@ -23,8 +23,7 @@ R = TypeVar("R")
 Float = TypeVar("Float", bound=np.floating)
 
 # Largest and smallest peak of a signal: the squares of a record's spectrum overflow beyond, or lose digits below.
-_PEAKS = {"float32": (1e-15, 1e15), "float64": (1e-152, 1e145)}
-_LONGEST_VALUE, _MOST_ITEMS = 80, 20  # characters, and members, of a value in a message
+_LONGEST_VALUE = 80  # characters of a value in a message
 _LARGEST_WHOLE = 2**53  # above, doubles skip whole numbers
 
 
@@ -56,7 +55,8 @@ def real_samples(
             f"{name} has {bad.size} values that are not finite, the first at index {bad[0]}; "
             "repair or leave out that part of the record (masked values are treated as NaN)."
         )
-    least, most = _PEAKS[vector.dtype.name]
+    peaks = {"float32": (1e-15, 1e15), "float64": (1e-152, 1e145)}
+    least, most = peaks[vector.dtype.name]
     if not any_unit and ((peak > most and math.isfinite(peak)) or 0 < peak < least):
         raise ValueError(
             f"{name} has a peak of {peak:.3g}, outside {least:g} to {most:g}, where {vector.dtype} keeps the precision "
@@ -147,7 +147,7 @@ def brief(value: object) -> str:
     """Return the `repr` of a value for a message, truncated where it is long."""
     if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
         return f"{'-' * (value < 0)}2**{abs(value).bit_length() - 1} or more"
-    if isinstance(value, dict | list | tuple) and len(value) > _MOST_ITEMS:
+    if isinstance(value, dict | list | tuple) and len(value) > 20:  # noqa: PLR2004
         return f"a {type(value).__name__} of {len(value)}"
     text = repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."

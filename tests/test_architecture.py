@@ -71,18 +71,18 @@ ONE_DOOR = {
 BUDGETS = """
     signals (root)                                              560    486    400
     signals/angle                                              1111   1005    900
-    signals/demodulation                                        905    736    750
+    signals/demodulation                                        905    732    750
     signals/harmonics, signals/slipping_order                  4012   2762   2500
     signals/health, signals/indicators                          955    817    800
     signals/monitoring                                         1135    531    700
     signals/resampling                                          799    743    600
-    signals/shaft                                              3006   1899   2000
-    signals/spectra                                             866    776    700
-    hums (root)                                                 830    721    600
+    signals/shaft                                              3006   1898   2000
+    signals/spectra                                             866    775    700
+    hums (root)                                                 830    719    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
     hums/fleet                                                 2161   1467   1300
-    hums/gearbox                                               3541   3346   2600
+    hums/gearbox                                               3541   3342   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200

@@ -21,8 +21,6 @@ from hums.cli.options import (
     workers_of,
 )
 
-FEW_FILES = 200  # one process converts as many while worker processes would start
-
 
 def convert(  # noqa: PLR0917 - each option is one
     paths: Annotated[
@@ -118,7 +116,8 @@ def convert(  # noqa: PLR0917 - each option is one
         )
     if target.suffix.lower() in RECORD_SUFFIXES:
         raise UsageError(f"{target}: several files are written to a folder; name one, as {target.with_suffix('')}.")
-    few = len(found) <= FEW_FILES and workers is None and scheduler is None
+    few_files = 200  # one process converts as many while worker processes would start
+    few = len(found) <= few_files and workers is None and scheduler is None
     result = convert_files(
         found,
         target,

@@ -7,8 +7,6 @@ import typer
 
 from hums.cli.options import Force, Out, echo, say
 
-DEMO_BAND_HZ = (6000.0, 10000.0)
-
 
 def demo(
     out: Out = Path("hums-demo"),
@@ -33,7 +31,7 @@ def demo(
     say("simulating a gearbox with two faults")
     save_record(simulate(scene, seed=seed), out / "record.h5", force=force)
     with open_record(out / "record.h5") as record:
-        analysis = run(record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=DEMO_BAND_HZ))
+        analysis = run(record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=(6000.0, 10000.0)))
         result = score(analysis, record)
     say("writing the report")
     page = write_report(analysis, out, force=force)

@@ -15,10 +15,7 @@ if TYPE_CHECKING:
     from data_synth.dynamics.system import System
     from data_synth.gears.mesh_stiffness import Stiffness
 
-_PICTURES = ("modes", "campbell", "stability")
 _SIZES = {"module_mm": 3.0, "face_width_mm": 30.0, "pressure_angle_deg": 20.0}  # assumed where a mesh declares none
-_LEAST_SHARE = 0.05  # of the kinetic energy of a mode, for a part to be listed
-_SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram
 _HARMONICS = 8  # of a mesh stiffness, for the stability
 
@@ -50,7 +47,8 @@ def dynamics(
         raise UsageError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
     if out is None and stability:
         raise UsageError("--out is missing; --stability draws a figure, so name a folder for it.")
-    check_outputs((out / f"{name}.{kind}" for name in _PICTURES if out), inputs=[source], force=force)
+    names = ("modes", "campbell", "stability")
+    check_outputs((out / f"{name}.{kind}" for name in names if out), inputs=[source], force=force)
     say("computing natural frequencies")
     system_at, assumed = _system_source(source, motions, speed)
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
@@ -65,7 +63,7 @@ def dynamics(
     if out is None:
         return
     out.mkdir(parents=True, exist_ok=True)
-    elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:_SHOWN_MODES]
+    elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:6]
     draws = [partial(plot_mode_shape, modes, number, energy=energies[number]) for number in elastic]
     height = 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)
     save_picture(draws, out / f"modes.{kind}", (14.0, height), force=force, columns=3)
@@ -84,7 +82,8 @@ def _energy(system: "System", shape: Any) -> dict[str, float]:  # noqa: ANN401  
     parts: dict[str, float] = {}
     for (body, _), share in zip(body_motions(system), shape * (system.mass @ shape), strict=True):
         parts[body] = parts.get(body, 0.0) + float(share)
-    return {body: share for body, share in sorted(parts.items(), key=lambda part: -part[1]) if share >= _LEAST_SHARE}
+    least_share = 0.05  # of the kinetic energy of a mode, for a part to be listed
+    return {body: share for body, share in sorted(parts.items(), key=lambda part: -part[1]) if share >= least_share}
 
 
 def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, *, force: bool) -> None:

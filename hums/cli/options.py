@@ -32,10 +32,6 @@ LinkSpeeds = Annotated[
 ]
 
 
-SHOWN_REFUSALS = 5
-SOME_REFUSED = 3  # exit status: done, except for inputs that were refused
-
-
 class UsageError(ValueError):
     """Options or arguments that are missing, contradictory or invalid: exit status 2."""
 
@@ -225,14 +221,14 @@ def end_with_refusals(word: str, reasons: Mapping[str, str], total: int, table: 
     """
     from signals._validation import plain_message  # noqa: PLC0415
 
-    for name, reason in list(reasons.items())[:SHOWN_REFUSALS]:
+    for name, reason in list(reasons.items())[:5]:
         echo(plain_message(f"{word} {name}: {reason}"))
     told = f"{len(reasons)} of {total} {word}; reasons: {table}"
     if reasons and len(reasons) == total:
         raise ValueError(f"{told}.")
     if reasons:
         echo(told)
-        raise typer.Exit(SOME_REFUSED)
+        raise typer.Exit(3)  # done, except for inputs that were refused
 
 
 def save_picture(

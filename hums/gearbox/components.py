@@ -215,12 +215,10 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-_OF_A_UNION = re.compile(r"(constrained-|function-)")  # pydantic's names of alternative types
-
-
 def _clause(details: ErrorDetails) -> str:
     """Return a clause of an error message on one field of a declaration, with the remedy."""
-    named = (part for part in details["loc"] if isinstance(part, int) or not _OF_A_UNION.match(part))
+    # without pydantic's names of alternative types
+    named = (part for part in details["loc"] if isinstance(part, int) or not re.match("constrained-|function-", part))
     place = ".".join(str(part + 1) if isinstance(part, int) else part[:120] for part in named)
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":
@@ -335,8 +333,6 @@ Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 MOST_PARTS = 1000  # axes, meshes, bearings, or names of one of them: ten times as many as in any gearbox
-_MOST_COPIES = 100  # planets on a carrier: a dozen is many
-_MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have a few thousand
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 
 
@@ -351,7 +347,7 @@ class Axis(Declared):
     direction: Vector | None = None
     parallel_to: Name | None = None
     through: Vector | None = None
-    copies: Annotated[int, Field(ge=2, le=_MOST_COPIES)] | None = None
+    copies: Annotated[int, Field(ge=2, le=100)] | None = None  # a dozen is many
     spacing_deg: tuple[float, ...] | None = None
 
     @model_validator(mode="after")
@@ -377,7 +373,7 @@ class Gear(Declared):
     """One gear of a mesh: the link that carries its teeth, and their signed number."""
 
     link: Name
-    teeth: Annotated[int, Field(ge=-_MOST_TEETH, le=_MOST_TEETH)]
+    teeth: Annotated[int, Field(ge=-100_000, le=100_000)]  # the largest gears have a few thousand
 
 
 class Mesh(Declared):
@@ -433,9 +429,6 @@ class Mesh(Declared):
         return self
 
 
-_DATA_SHEET = {"bpfi": "inner", "bpfo": "outer", "ftf": "cage"}
-
-
 class Multiples(Declared):
     """Defect frequencies of a bearing from its data sheet, per relative revolution of its rings."""
 
@@ -448,6 +441,7 @@ class Multiples(Declared):
     @model_validator(mode="before")
     @classmethod
     def _refuse_ball(cls, table: Any) -> Any:  # noqa: ANN401
+        data_sheet = {"bpfi": "inner", "bpfo": "outer", "ftf": "cage"}
         if isinstance(table, dict):
             for word in table:
                 if str(word).lower() in ("ball", "roller", "element", "bsf"):
@@ -455,7 +449,7 @@ class Multiples(Declared):
                         f'"{word}" is ambiguous; write element_spin (BSF, rotation of the element) or element_defect '
                         "(twice that, as the defect strikes both races)"
                     )
-                if key := _DATA_SHEET.get(str(word).lower()):
+                if key := data_sheet.get(str(word).lower()):
                     raise ValueError(f'"{word}" is called {key} here; write {key} = {table[word]}')
         return table
 

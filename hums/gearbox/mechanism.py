@@ -13,8 +13,6 @@ from hums.gearbox.components import Mesh, Vector, first_of, united
 from hums.gearbox.model import Gearbox, GearboxError
 from signals._validation import checked
 
-_PARALLEL = 1e-9
-
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
@@ -225,6 +223,7 @@ def _check_axes(mechanism: Mechanism) -> None:
     through = {axis.name: axis.through for axis in gearbox.axes if axis.through is not None}
     checked = set()
     meet_mm = 1e-6  # smallest distance between axes that do not intersect
+    rounding = 1e-9
     for contact in mechanism.contacts:
         if contact.mesh in checked or len(contact.gears) == 1:
             continue
@@ -232,7 +231,7 @@ def _check_axes(mechanism: Mechanism) -> None:
         axes = [mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or "" for link, _ in contact.gears]
         one, two = (mechanism.directions[axis] for axis in axes)
         normal = _cross(one, two)
-        parallel = math.hypot(*normal) < _PARALLEL
+        parallel = math.hypot(*normal) < rounding
         kind = kinds[contact.mesh]
         if kind in {"worm", "crossed_helical"} and parallel:
             problem = f'kind = "{kind}" needs axes that cross, but these are parallel'

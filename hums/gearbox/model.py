@@ -41,8 +41,6 @@ from hums.gearbox.components import (
 )
 from signals._validation import SentenceError, checked
 
-_GEOMETRY = ("elements", "element_diameter_mm", "pitch_diameter_mm", "contact_angle_deg")  # of a bearing
-
 
 class GearboxError(SentenceError):
     """A gearbox that cannot be read, or that is not a mechanism.
@@ -434,7 +432,8 @@ def _catalogue_bearing(name: str) -> CatalogueBearing:
 def _catalogue_geometry(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return the geometry of a bearing given by name, with which further declarations must agree."""
     found = _catalogue_bearing(table["bearing"])
-    geometry = {key: getattr(found, key) for key in _GEOMETRY}
+    keys = ("elements", "element_diameter_mm", "pitch_diameter_mm", "contact_angle_deg")  # of a bearing
+    geometry = {key: getattr(found, key) for key in keys}
     for key, value in geometry.items():
         if table.get(key) not in (None, value):
             raise ValueError(f"{key} = {table[key]} contradicts {found.name}, which has {value:g}; omit one of them")

@@ -46,7 +46,6 @@ class TorqueError(SentenceError):
 
 
 Drivers = tuple[int | None, ...]  # driving gear of each contact, 0 or 1; None: the contact loses no power
-_TOLERANCE = Fraction(1, 10**9)  # of the largest torque, for the rounding of decimals
 
 
 @dataclass(frozen=True)
@@ -194,7 +193,8 @@ class Solution:
 
 def is_balanced(total: Fraction, largest: Fraction) -> bool:
     """Return whether a sum of torques is zero to the rounding of the largest of them."""
-    return abs(total) <= _TOLERANCE * largest
+    tolerance = Fraction(1, 10**9)  # of the largest torque, for the rounding of decimals
+    return abs(total) <= tolerance * largest
 
 
 def tooth_load_symbol(number: int) -> str:

@@ -218,18 +218,15 @@ def _force_inputs(statics: Statics, number: int) -> tuple[PairAngles, float, flo
 # ---- Bearing loads by statics of a shaft in two bearings to the frame (Decker, Maschinenelemente) -------------------
 
 
-_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
-
-
 def bearing_loads(solution: Solution) -> Iterator[BearingLoad]:
     """Yield the load of every declared bearing, or why it is not determined, in the order of declaration."""
     for bearing in solution.statics.kinematics.gearbox.bearings:
         try:
             loads = {load.bearing: load for load in _reactions(solution, _supported_body(solution.statics, bearing))}
         except IndeterminateError as caught:
-            status = str(caught)
+            status, nan = str(caught), math.nan
             loads = {
-                name: BearingLoad(bearing=name, radial_n=_UNKNOWN, axial_n=math.nan, status=status)
+                name: BearingLoad(bearing=name, radial_n=(nan, nan, nan), axial_n=nan, status=status)
                 for name in bearing.names
             }
         yield from (loads[name] for name in bearing.names)

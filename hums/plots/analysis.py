@@ -14,8 +14,6 @@ from scipy.signal import resample
 from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import INK, KIND_COLOURS, LINE, MARK, TRACK_COLOURS, line_label
 
-_COLUMNS = 1600  # of a drawn spectrum, each showing its largest value
-_MOST_LABELS = 14
 _NAME_GAP = 5  # points, from a line to its label
 _ORDER = "order, cycles per revolution of the reference"
 
@@ -417,9 +415,10 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
             ax.set_ylim(low, high)
     apply_layout(ax)
     space, named = LabelSpace(), 0
+    most = 14
     for label in labels:
         extent = label.get_window_extent().padded(0.5 * point_size(ax))
-        if named < _MOST_LABELS and space.free(extent):
+        if named < most and space.free(extent):
             label.set_in_layout(True)
             space.occupy(extent)
             named += 1
@@ -445,7 +444,8 @@ def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
 
 def _column_maxima(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Reduce a spectrum for drawing to the maximum of each column, so that no line is lost."""
-    step = max(1, orders.size // _COLUMNS)
+    columns = 1600  # of a drawn spectrum, each showing its largest value
+    step = max(1, orders.size // columns)
     size = orders.size // step * step
     blocks = amplitude[:size].reshape(-1, step)
     at = np.argmax(blocks, axis=1) + np.arange(blocks.shape[0]) * step

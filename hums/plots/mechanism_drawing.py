@@ -24,11 +24,6 @@ View = Literal["section", "axial"]
 _STEEL, _FRAME = "#dfe6ee", "#c3cad3"
 _RIM = 0.14  # thickness of the rim of a ring gear over its pitch radius
 _TEXT = 7.0  # points
-_LINE = 46  # characters in a line of a note, three inches wide
-_NAME = 24  # characters, above which a name is wrapped
-_LEAST_SHARE = 0.55  # of the original width, kept for the mechanism next to long names
-_PASSES = 3  # of layout, as names take space from the drawing and so move its parts: the third moves none by a point
-_IN_PLANE = 1e-6
 
 
 def draw_mechanism(
@@ -90,7 +85,7 @@ def draw_mechanism(
     ax.autoscale_view()
     ax.margins(0.08)
     ax.set_axis_off()
-    notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, _LINE))
+    notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, 46))  # three inches
     ax.set_title(notes, loc="center", ma="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
     drawing.write_names()
     return ax
@@ -207,6 +202,7 @@ class _Drawing:
         aside = self.flat(transverse_axes(gear.axis, self.layout.normal)[0])
         colour = self.colour(_names_of(gear), _FRAME if gear.body in self.frame else _STEEL)
         style = {"fc": colour, "ec": INK, "lw": 0.8, "zorder": 3, "hatch": "////" if gear.body in self.frame else None}
+        in_plane = 1e-6
         if gear.cone_rad:
             along = gear.face * math.cos(gear.cone_rad) * axis
             inner = gear.radius - gear.face * math.sin(gear.cone_rad)
@@ -221,7 +217,7 @@ class _Drawing:
                 mirrored = [2 * (centre + np.dot(point - centre, axis) * axis) - point for point in reversed(outline)]
                 self.ax.add_patch(Polygon([*outline, *mirrored], closed=True, **style))
         else:
-            half = gear.face / 2 * axis if length > _IN_PLANE else 0 * axis
+            half = gear.face / 2 * axis if length > in_plane else 0 * axis
             bounds = [(gear.radius, (1 + _RIM) * gear.radius), (-gear.radius, -(1 + _RIM) * gear.radius)]
             for low, high in bounds if gear.internal else [(-gear.radius, gear.radius)]:
                 corners = [centre - half + low * aside, centre + half + low * aside]
@@ -298,10 +294,11 @@ class _Drawing:
     def write_names(self) -> None:
         """Write the names in two columns next to the drawing, with leaders, and enlarge the figure if necessary."""
         apply_layout(self.ax)
-        least = _LEAST_SHARE * self.ax.bbox.width
+        least = 0.55 * self.ax.bbox.width  # kept for the mechanism next to long names
         labels = sorted({label.text: label for label in self.labels}.values(), key=lambda label: float(label.at[0]))
         self.ax.plot(*np.array([label.at for label in labels]).T, ".", ls="", ms=3, color=INK, zorder=9)
-        for _ in range(_PASSES):
+        # names take space from the drawing and so move its parts: the third pass moves none by a point
+        for _ in range(3):
             for name in list(self.ax.texts):
                 name.remove()
             left, right = self._column(labels[: len(labels) // 2], -1), self._column(labels[len(labels) // 2 :], 1)
@@ -322,9 +319,10 @@ class _Drawing:
         drawn = self.ax.dataLim
         x = (drawn.x0 if side < 0 else drawn.x1) + side * 0.06 * drawn.width
         leader = {"arrowstyle": "-", "shrinkA": 0, "shrinkB": 0, "relpos": (0.0 if side > 0 else 1.0, 0.5)}
+        longest = 24  # characters, above which a name is wrapped
         names = [
             self.ax.annotate(
-                textwrap.fill(label.text, len(label.text) // -(-len(label.text) // _NAME) + 4),
+                textwrap.fill(label.text, len(label.text) // -(-len(label.text) // longest) + 4),
                 tuple(label.at),
                 xytext=(x, 0),
                 textcoords=("data", "axes fraction"),  # which keeps names apart where a later view takes width

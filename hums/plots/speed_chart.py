@@ -15,10 +15,6 @@ from hums.plots.style import FAINT, INK, KIND_COLOURS
 if TYPE_CHECKING:
     import pandas as pd
 
-_EQUAL = 1e-9
-_LONGEST = 48  # characters of a label, above which further components are only counted
-_WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Line:
@@ -35,16 +31,18 @@ class _Line:
     def label(self) -> str:
         """The order and as many of its sources as fit the longest name."""
         many = range(len(self.sources), 0, -1)
-        return next((label for most in many if len(label := self._label_of(most)) <= _LONGEST), self._label_of(1))
+        longest = 48  # characters of a label, above which further components are only counted
+        return next((label for most in many if len(label := self._label_of(most)) <= longest), self._label_of(1))
 
     def _label_of(self, most: int) -> str:
         """Return the order and `most` of its sources; a repeated component or kind is written once."""
         shown = self.sources[:most]
         names = []
+        words = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
         for number, (name, kind) in enumerate(shown):
             repeated = number > 0 and name == shown[number - 1][0]
             later = number + 1 < len(shown) and kind == shown[number + 1][1]
-            word = "" if later else _WORDS.get(kind, kind.replace("_", " "))
+            word = "" if later else words.get(kind, kind.replace("_", " "))
             names.append(" ".join(part for part in ("" if repeated and word else name, word) if part))
         more = f" and {len(self.sources) - most} more" if len(self.sources) > most else ""
         return f"{self.order:.4g}  {' = '.join(names)}{more}"
@@ -126,7 +124,7 @@ def _merged_lines(table: "pd.DataFrame") -> list[_Line]:
     )
     groups: list[list[Any]] = []
     for row in rows:
-        if groups and row[0] - groups[-1][0][0] <= _EQUAL * row[0]:
+        if groups and row[0] - groups[-1][0][0] <= 1e-9 * row[0]:
             groups[-1].append(row)
         else:
             groups.append([row])

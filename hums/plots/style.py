@@ -19,7 +19,6 @@ KIND_COLOURS = {
     "cage": "#2c7a7b",
 }
 TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#b83280")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def line_label(line: Mapping[Any, Any]) -> str:
@@ -37,4 +36,5 @@ def minus(text: str) -> str:
 
 def power_of_ten(value: float) -> str:
     """Return a power of ten with a superscript exponent."""
-    return "10" + f"{round(log10(value))}".translate(_RAISED)
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return "10" + f"{round(log10(value))}".translate(raised)

@@ -15,7 +15,6 @@ from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import FAINT, INK, LINE, MARK, minus
 
 _SAME = 1e-9  # of the fastest link
-_LANE = 0.05  # between arrows on one line, of the longest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +139,7 @@ def _lanes(arrows: list[_Arrow]) -> list[complex]:
     An arrow at whose tip another starts has no offset, so that the two meet.
     """
     shifts = [0j] * len(arrows)
-    step = _LANE * max((abs(arrow.vector) for arrow in arrows), default=0.0)
+    step = 0.05 * max((abs(arrow.vector) for arrow in arrows), default=0.0)
     met = [arrow.start for arrow in arrows if arrow.line is None]
     for line in dict.fromkeys(arrow.line for arrow in arrows if arrow.line is not None):
         mine = [number for number, arrow in enumerate(arrows) if arrow.line == line]

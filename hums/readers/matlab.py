@@ -1,5 +1,6 @@
 """MATLAB files: v4 to v7 by scipy, v7.3 as HDF5."""
 
+import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -24,8 +25,6 @@ _CLASSES = {
     "struct": "a struct array",
     "string": "a string object",
 }
-_HEADER_BYTES, _COMPRESSED = 128, 15  # of version 5: the text before the first variable; its type miCOMPRESSED
-_NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
@@ -76,13 +75,14 @@ def _read_classic(path: Path, most_bytes: int | None) -> tuple[dict[str, Field],
 
 def _packed_sizes(path: Path) -> Iterator[int]:
     """Yield the declared size in bytes of each compressed variable of a version 5 to 7 file."""
+    header_bytes, compressed = 128, 15  # of version 5: the text before the first variable; its type miCOMPRESSED
     with path.open("rb") as stream:
-        header = stream.read(_HEADER_BYTES)
+        header = stream.read(header_bytes)
         order = {b"IM": "<", b"MI": ">"}.get(header[-2:])
         while order and len(tag := stream.read(8)) == 8:  # noqa: PLR2004 - two words
             kind, count = struct.unpack(f"{order}2I", tag)
             start = stream.tell()
-            if kind == _COMPRESSED:
+            if kind == compressed:
                 with suppress(zlib.error):  # scipy reports the damage
                     # 1024 compressed bytes are more than enough for the first eight bytes of the variable
                     inner = zlib.decompressobj().decompress(stream.read(min(count, 1024)), 8)
@@ -183,6 +183,7 @@ def _hdf5_field(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401
         return "empty"
     if item.dtype.names:
         return "complex numbers"
-    if matlab_class not in _NUMBERS or item.dtype.kind not in "biuf":
+    is_number = re.fullmatch(r"|double|single|logical|u?int(8|16|32|64)", matlab_class)
+    if not is_number or item.dtype.kind not in "biuf":
         return _CLASSES.get(matlab_class, "a struct array" if not matlab_class else f"a {matlab_class}")
     return tuple(item.shape[::-1])

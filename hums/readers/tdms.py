@@ -78,12 +78,10 @@ def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  
         return replace(stated, epoch=None, start_s=None)
     clock: dict[str, Any] = {}
     starts: dict[int, Stated] = {}
+    of_clock = ("wf_start_time", "wf_start_offset", "wf_increment")
     for first, properties in pieces:
-        before, clock = clock, clock | {key: properties[key] for key in _CLOCK if key in properties}
+        before, clock = clock, clock | {key: properties[key] for key in of_clock if key in properties}
         if clock != before:
             starts[first] = stated_of(clock)
     counts = np.diff([*starts, len(channel)]).tolist()
     return joined(list(zip(counts, starts.values(), strict=True))).over(stated) if starts else stated
-
-
-_CLOCK = ("wf_start_time", "wf_start_offset", "wf_increment")

@@ -14,7 +14,6 @@ from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_ti
 from hums.records.fields import RecordError
 
 _LONGEST_START_S, _LATEST_S = 1e8, 3e9  # three years: larger numbers count from a date; from 1970 they reach 2065
-_SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +91,10 @@ class Import:
         for _, (other, since) in columns:
             if epoch is None and since is not None:  # a column of dates, and a finer one of seconds
                 epoch = since + timedelta(seconds=other.start_s - start_s)
+        since_1970 = datetime(1970, 1, 1, tzinfo=UTC)
         if abs(start_s) > _LONGEST_START_S:
             if epoch is None:
-                epoch = _SINCE_1970 if 0 < start_s < _LATEST_S else None
+                epoch = since_1970 if 0 < start_s < _LATEST_S else None
                 counted = "were taken to count from 1970" if epoch else "count from an unknown date"
                 self.note(f"its times, which begin at {start_s:.14g} s, {counted}")
             start_s, epoch = 0.0, None if epoch is None else epoch + timedelta(seconds=start_s)

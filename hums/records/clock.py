@@ -14,7 +14,6 @@ from hums.records.fields import RATE_REMEDY, RecordError
 from signals._validation import is_float
 
 _OFF = 0.25  # of a step: tolerance of a sample time on an even grid, in addition to its rounding
-_ROUNDING = 0.6  # of the rounding: deviation of truncated times from the line through them, half plus a slope error
 _WRONG = 'if these times are wrong, give the rate with trust="declared" (--rate-hz ... --trust declared)'
 
 
@@ -135,7 +134,8 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
     step_s, first_s = np.polyfit(number, joined_s, 1)
     off = np.abs(joined_s - first_s - step_s * number) / step_s
     # more than 1 % of the intervals are not gaps: the samples are uneven
-    if off.max() > _OFF + _ROUNDING * quantum_s / step_s or gaps.size > max(1, 0.01 * known.size):
+    # 0.6 of the rounding: deviation of truncated times from the line through them, half plus a slope error
+    if off.max() > _OFF + 0.6 * quantum_s / step_s or gaps.size > max(1, 0.01 * known.size):
         raise RecordError(
             f"{what} are not evenly spaced: {gaps.size} intervals are longer than the others by half a step or more, "
             f"and row {known[off.argmax()] + 1} is {off.max():.3g} steps from its place at {1 / step_s:.6g} Hz. "

@@ -46,7 +46,6 @@ ANGLE_REMEDY = (
     "then estimated from the vibration."
 )
 UNKNOWN_ANGLE = "unknown"
-_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))}
 RATE_REMEDY = "state the sampling rate in Hz, rate_hz=... (on the command line --rate-hz)"
 
 
@@ -67,7 +66,8 @@ def plain_cell(value: Any) -> Any:  # noqa: ANN401
 def file_name(text: str) -> str:
     """Return a name valid for a file or folder on every file system, of letters, digits, spaces and ``-_.``."""
     plain = "".join(sign if sign.isalnum() or sign in " -_." else "_" for sign in text).strip(" .") or "_"
-    if plain.split(".")[0].strip().upper() in _RESERVED:
+    reserved = {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))}
+    if plain.split(".")[0].strip().upper() in reserved:
         plain = f"_{plain}"
     longest_name_bytes = 200  # file systems allow 255
     if len(plain.encode()) <= longest_name_bytes:

@@ -37,8 +37,6 @@ from hums.records.outputs import atomic_write, check_outputs
 from hums.records.validation import check_record
 from signals._validation import checked, plain_text
 
-_CHUNK = 65536  # values: half a megabyte of float64, which fits HDF5's cache of a megabyte
-
 
 @checked
 def save_record(record: xr.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -390,7 +388,8 @@ def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return the chunk shape of an array, whose longest axis, usually time, is halved until a chunk is small enough."""
     chunks = list(shape)
-    while np.prod(chunks, dtype=np.int64) > _CHUNK:
+    most_values = 65536  # values: half a megabyte of float64, which fits HDF5's cache of a megabyte
+    while np.prod(chunks, dtype=np.int64) > most_values:
         longest = int(np.argmax(chunks))
         chunks[longest] = -(-chunks[longest] // 2)
     return tuple(chunks)
@@ -435,7 +434,6 @@ def _plain(value: Any, what: str) -> Any:  # noqa: ANN401
 # concatenated along a separate dimension; their dimensions, shapes and attributes are JSON text per record.
 
 
-_SCHEMA = "hums-shard/1"
 _ROWS = "record"
 _LAYOUT, _ATTRS = "layout_of_truth", "attrs_of_record"
 _COORDINATES = ("snapshot_s",)
@@ -480,7 +478,7 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     layouts = [_json(_layout(record, truths)) for record in records]
     attrs = [_json(record.attrs) for record in records]
     variables[_LAYOUT], variables[_ATTRS] = (xr.Variable(_ROWS, np.array(texts)) for texts in (layouts, attrs))
-    return xr.Dataset(variables, attrs={"schema": _SCHEMA})
+    return xr.Dataset(variables, attrs={"schema": "hums-shard/1"})
 
 
 def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:

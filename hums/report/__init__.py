@@ -33,8 +33,6 @@ from signals._validation import checked
 Units: TypeAlias = Literal["rpm", "Hz"]
 # on the white ground of the drawing, in every light
 _PART_COLOURS = {"alarm": "#b4380a", "watch": "#e0a526", "unknown": "#8b95a1", "calm": "#a9d5b8"}
-_FAULT_KINDS = {*BEARING_KINDS, "tooth"}
-_FILES = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "tracks.csv", "summary.json", "report.pdf")
 
 
 def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), force: bool = False) -> Path:
@@ -47,7 +45,8 @@ def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), for
         `force`, a file of another program.
     """
     folder = Path(folder)
-    check_outputs((folder / name for name in _FILES), inputs=inputs, force=force)
+    names = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "tracks.csv", "summary.json", "report.pdf")
+    check_outputs((folder / name for name in names), inputs=inputs, force=force)
     make_folder(folder)
     return folder
 
@@ -209,11 +208,9 @@ def _gearbox(analysis: Analysis) -> Gearbox:
     return Gearbox.model_validate_json(analysis.attrs["gearbox_json"])
 
 
-_UNITS = {"hz": "Hz", "hz_s": "Hz/s", "mm_s": "mm/s"}
-
-
 def _words(name: str) -> str:
-    for ending, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
+    units = {"hz": "Hz", "hz_s": "Hz/s", "mm_s": "mm/s"}
+    for ending, unit in sorted(units.items(), key=lambda pair: -len(pair[0])):
         if name.endswith(f"_{ending}"):
             return f"{name.removesuffix(f'_{ending}').replace('_', ' ')} ({unit})"
     return name.replace("most_", "maximum ").replace("_", " ")
@@ -249,7 +246,8 @@ def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
 def _mechanism(analysis: Analysis, facts: Mapping[str, Any], styles: Mapping[str, str]) -> str:
     """Return the drawing of the mechanism as SVG, every assessed part in the colour of its verdict."""
     gearbox = _gearbox(analysis)
-    searched = {row["component"] for row in [*facts["orders"], *facts["envelope"]] if row["kind"] in _FAULT_KINDS}
+    kinds = {*BEARING_KINDS, "tooth"}
+    searched = {row["component"] for row in [*facts["orders"], *facts["envelope"]] if row["kind"] in kinds}
     verdicts = dict.fromkeys(searched, "calm") | dict(styles)
     drawn = coloured_components(gearbox)
     colours = {part: _PART_COLOURS[style] for part, style in verdicts.items() if part in drawn}

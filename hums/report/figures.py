@@ -19,11 +19,7 @@ from hums.report.verdict_strip import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
 
-_COLUMNS, _FEWEST_COLUMNS = 4200, 700  # of the spectra of all channels together, 0.1 MB of the page; and of each
 _FULL_CHANNELS = 2  # whose maps, tracks and waveforms are drawn in full; more share the same space
-_LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
-_SAMPLES_PER_TOOTH = 20
-_OF_LINES = {"order": "order_found", "nominal": "line_order", "amplitude": "line_amplitude", "snr": "snr"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +147,8 @@ def _wideband(pictures: Pictures) -> Iterator[_Drawn]:
 
 
 def _curve(one: xr.Dataset, channels: int) -> dict[str, Any]:
-    columns = max(_FEWEST_COLUMNS, _COLUMNS // channels)
+    # 4200 of all channels together, 0.1 MB of the page
+    columns = max(700, 4200 // channels)
     amplitude, indices = least_and_largest(one["amplitude"].to_numpy(), columns=columns)
     return {"x": packed_codes(one["order"].to_numpy()[indices], digits="u2"), "level": _levels(amplitude)}
 
@@ -177,11 +174,12 @@ def _lines(dataset: xr.Dataset, channel: str, styles: Mapping[str, str]) -> tupl
     """Return the identified lines of one channel, those of faulty components first, and the orders of the others."""
     table = dataset[[name for name in dataset.data_vars if dataset[name].dims == ("line",)]].to_dataframe()
     mine = table[table["line_channel"] == channel]
+    of_lines = {"order": "order_found", "nominal": "line_order", "amplitude": "line_amplitude", "snr": "snr"}
     rows = [
         {
             "label": line_label(row),
             "style": styles.get(row["component"], ""),
-            **{name: float(f"{row[column]:.7g}") for name, column in _OF_LINES.items()},
+            **{name: float(f"{row[column]:.7g}") for name, column in of_lines.items()},
         }
         for row in mine[mine["claimed"] == 1].to_dict("records")
     ]
@@ -236,7 +234,7 @@ def _maps(pictures: Pictures) -> Iterator[_Drawn]:
             amplitude = amplitude[:, : cells * every].reshape(len(amplitude), cells, every).max(axis=2)
             order = order[: cells * every].reshape(cells, every).mean(axis=1)
         level = 20 * np.log10(np.maximum(amplitude, np.finfo(float).tiny))
-        level = np.maximum(level, level.max() - _LEVEL_FLOOR_DB)
+        level = np.maximum(level, level.max() - 100.0)  # dB below the highest cell
         yield _Drawn(
             channel=channel,
             alt=f"Colour map of the level of channel {channel} against order and time or speed.",
@@ -331,7 +329,7 @@ def _averages(pictures: Pictures) -> Iterator[_Drawn]:
         names, ends = dataset["component"].to_numpy().tolist(), np.cumsum(dataset["size"].to_numpy())
         for at in sorted(range(len(names)), key=lambda at: names[at] not in pictures.styles):
             teeth, size = int(dataset["teeth"][at]), int(dataset["size"][at])
-            samples = max(size, _SAMPLES_PER_TOOTH * teeth)
+            samples = max(size, 20 * teeth)
             part = slice(int(ends[at]) - size, int(ends[at]))
             curves = {
                 name: packed_codes(

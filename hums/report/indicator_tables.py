@@ -13,7 +13,6 @@ _TITLES = {
     "planetary": "planetary stages",
     "bearing": "bearings",
 }
-_PARTS = 6  # columns of a table, so that it fits on a sheet
 _OURS = {
     "defect_energy_ratio": ("Defect energy over that of the background", "a spall on that race or rolling element"),
     "velocity_rms": (
@@ -81,7 +80,7 @@ def indicator_tables(rows: Rows, findings: Rows = ()) -> list[dict[str, Any]]:
     made = []
     for (channel, kind), mine in tables.items():
         parts = list(dict.fromkeys(row["part"] for row in mine))
-        every = len(parts) if kind == "bearing" else _PARTS
+        every = len(parts) if kind == "bearing" else 6  # columns, so that a table fits on a sheet
         for first in range(0, len(parts), every):
             here = parts[first : first + every]
             made.append(_table(channel, kind, [row for row in mine if row["part"] in here], findings))

@@ -8,7 +8,6 @@ from pathlib import Path
 from hums.records.outputs import atomic_write, check_outputs
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
-_DRAWING_MS = 20_000  # of the page's own clock, which runs as fast as its scripts allow
 _TIMEOUT_S = 180.0  # a page of 16 channels takes 20 s on one core
 
 
@@ -52,7 +51,7 @@ def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> P
             "--disable-gpu",
             *as_root,
             "--no-pdf-header-footer",
-            f"--virtual-time-budget={_DRAWING_MS}",
+            "--virtual-time-budget=20000",  # ms of the page's own clock, which runs as fast as its scripts allow
             f"--print-to-pdf={part}",
             f"{page.as_uri()}#print{'-full' if full else ''}",
         ]

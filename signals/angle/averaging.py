@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 # ---- Comb filter of synchronous averaging: its gain, the best number of revolutions, and the hunting-tooth period ----
 
 
-_WHOLE = 1e-150  # distance from a whole order below which the gain is one; the quotient would underflow
-
-
 @checked
 def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
     """Return the gain of an average over N revolutions at each order, from 0 to 1.
@@ -82,7 +79,8 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
         given = given.astype(np.float64)
         fraction = given - np.rint(given)
         phase = count * fraction - np.rint(count * fraction)
-    passing = np.abs(fraction) < _WHOLE
+    least = 1e-150  # distance from a whole order below which the gain is one; the quotient would underflow
+    passing = np.abs(fraction) < least
     below = count * np.sin(np.pi * np.where(passing, 0.5, fraction))
     return np.asarray(np.where(passing, 1.0, np.abs(np.sin(np.pi * phase) / below)), dtype=np.float64)
 

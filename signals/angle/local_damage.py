@@ -55,9 +55,8 @@ FEWEST_TURNS = 2
 PERMUTED_TURNS = 4
 """Fewest gear revolutions for the permutation test: rotations of fewer blocks repeat too often by chance."""
 
-_FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # per revolution: required, aimed at, and most
 _WIDTHS = (1, 2, 4, 8)  # cells
-_FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
+_FIRST = 99  # rotations drawn before the permutation test may stop
 _LEAST_TAIL = 1e-30  # of one band, so that its logarithm is finite where the others do not scatter at all
 _RISES = np.geomspace(1.0, 1e6, 121)  # interpolation grid, up to 60 dB
 
@@ -167,13 +166,13 @@ def folded(
 
 def _cells(teeth: float, per_turn: float) -> int:
     """Return the number of cells per revolution: whole cells per tooth if the samples allow, so that teeth compare."""
-    most = min(_MOST_CELLS, int(per_turn))
-    if most < _FEWEST_CELLS:
+    fewest, most = 10, min(128, int(per_turn))
+    if most < fewest:
         raise ValueError(
             f"{per_turn:.1f} samples per gear revolution cannot resolve a tooth; sample faster, or reduce the number "
             "of bands."
         )
-    per_tooth = max(1, min(round(_LEAST_CELLS / teeth + 0.5), 8))
+    per_tooth = max(1, min(round(24 / teeth + 0.5), 8))  # 24 cells per revolution or more, where the samples allow
     cells = round(teeth * per_tooth)
     while cells > most and per_tooth > 1:
         per_tooth -= 1
@@ -499,7 +498,8 @@ def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: 
             rotated_maxima(row, shifts, maxima)
         found = np.append(found, maxima)
         exceeded = np.cumsum(found >= observed)
-        enough = np.flatnonzero((exceeded >= _ENOUGH) & (np.arange(found.size) >= _FIRST - 1))
+        at_which_it_stops = 8
+        enough = np.flatnonzero((exceeded >= at_which_it_stops) & (np.arange(found.size) >= _FIRST - 1))
         if enough.size:
             return found[: enough[0] + 1]
     return found

@@ -217,9 +217,6 @@ def envelope_order_spectrum(
 # Changes of load, speed or noise level modulate every band. An envelope divided by its moving average retains what
 # repeats within the width of that average.
 
-_LOWEST, _HIGHEST = 0.02, 0.98  # of half the rate: offsets and drift lie below, the anti-alias filter above
-_ANTI_ALIAS = 0.9  # of half the rate, above which a filter takes so little of a bank's range that it is left as it is
-
 
 def passband_end_hz(x: ArrayLike, *, rate_hz: float) -> float:
     """Return the frequency at which a low-pass filter ends the signal, or half the sampling rate if none does.
@@ -258,7 +255,8 @@ def passband_end_hz(x: ArrayLike, *, rate_hz: float) -> float:
     bins = max(4, power.size // 512)
     levels = np.median(power[: power.size // bins * bins].reshape(-1, bins), axis=1)
     above = np.maximum.accumulate(levels[::-1])[::-1]
-    for top in range(4, int(_ANTI_ALIAS / 2 * levels.size)):
+    # above 0.9 of half the rate a filter takes so little of a bank's range that it is left as it is
+    for top in range(4, int(0.9 / 2 * levels.size)):
         inside = np.median(levels[top // 2 : top])
         if above[2 * top] < 1e-4 * inside:
             return float((np.flatnonzero(levels > 1e-2 * inside)[-1] + 1) / levels.size * rate / 2)
@@ -287,7 +285,7 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
     ((10.0, 250.0), (250.0, 490.0))
     """
     rate, least = positive(rate_hz, name="rate_hz"), positive(least_width_hz, name="least_width_hz")
-    low, high = _LOWEST * rate / 2, _HIGHEST * rate / 2
+    low, high = 0.02 * rate / 2, 0.98 * rate / 2  # offsets and drift lie below, the anti-alias filter above
     counts = [2, *(count for count in (4, 8, 16) if (high - low) / count >= least)]
     edges = (np.linspace(low, high, count + 1).tolist() for count in counts)
     return tuple(pair for each in edges for pair in pairwise(each))

@@ -30,12 +30,10 @@ if TYPE_CHECKING:
 
 Single = NDArray[np.float32]
 
-LEVELS = 7
 FEWEST_SAMPLES = 320  # of the narrowest band, whose filter has 48 taps
 PARTS = 16  # of the record
 NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, those of noise
 NEGENTROPY_SCATTER = 0.53  # standard deviation times sqrt(lines) for such powers (measured)
-_TAPS = {2: 48, 3: 72}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +142,7 @@ def fast_kurtogram(
     known = None if transform is None else transform_of(signal, transform)
     rate = positive(rate_hz, name="rate_hz")
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
-    depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
+    depth = min(7, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
         (
             (level, index, width, re.size, *_moments(re, im, negentropy=with_negentropy))
@@ -238,7 +236,7 @@ def _hilbert_transform(signal: Single, largest: float, known: NDArray[np.complex
 @lru_cache(maxsize=2)
 def _lowpass(factor: int) -> Single:
     """Return a Kaiser-windowed sinc of gain 1, with its -6 dB cut-off at 1.2 half widths of one of `factor` bands."""
-    count = _TAPS[factor]
+    count = 24 * factor
     cutoff = 0.3 / factor
     offset = np.arange(count) - (count - 1) / 2
     taps = np.sinc(2 * cutoff * offset) * np.kaiser(count, 8.0)

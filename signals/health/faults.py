@@ -147,7 +147,6 @@ def _largest_jump(values: Array) -> tuple[int, float]:
 
 Mask = NDArray[np.bool_]
 
-_NEAR = 4096
 _STUCK = 0.1  # of the record
 
 
@@ -177,7 +176,7 @@ def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFaul
 def _usual_count(x: Samples, extreme: float) -> float:
     """Return the mean count of samples on the levels just below the extreme that together hold 16 samples."""
     below = x[x < extreme]
-    near = min(below.size, _NEAR)
+    near = min(below.size, 4096)
     below.partition(below.size - near)
     counts = np.unique(below[below >= below[-near]], return_counts=True)[1][::-1]
     if counts.size == 1:  # a signal of two levels, such as a tachometer's
@@ -304,9 +303,7 @@ def _with_neighbours(places: NDArray[np.intp], size: int) -> Mask:
 
 
 _STRAY_HZ = 0.1  # largest deviation of the grid's frequency in normal operation
-_HARMONICS = (1, 2, 3, 5, 7)
 _REACH_HZ = 10.0
-_OCTAVES = 4
 
 
 def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
@@ -330,7 +327,7 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
     above = 5.0  # smallest amplitude over the median of the background; the lobe of noise alone gives 2.6
     for mains in mains_hz:
         base = _strongest(amplitude, step, mains)
-        harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
+        harmonics = [k for k in (1, 2, 3, 5, 7) if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
         heights = {k: _line(amplitude, step, k * base) for k in harmonics}
         standing = {k: line for k, (line, background) in heights.items() if line > above * background}
         between = [base * part for part in (1 / 2, 3 / 2, 1 / 3, 2 / 3, 4 / 3)]
@@ -392,7 +389,7 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     its median, which the lines of a shaft do not affect; they do not count in the fraction of the power either.
     """
     slope_top_hz = 16.0
-    edges = slope_top_hz / 2.0 ** np.arange(_OCTAVES, -1, -1)
+    edges = slope_top_hz / 2.0 ** np.arange(4, -1, -1)  # octaves
     step = rate_hz / x.size
     fewest_bins = 4
     if edges[1] - edges[0] < fewest_bins * step or rate_hz < 8 * slope_top_hz:

@@ -209,7 +209,6 @@ Method = Literal["sinc", "cubic", "linear"]
 METHODS: tuple[Method, ...] = get_args(Method)
 FEWEST = {"sinc": 2, "cubic": 4, "linear": 2}  # samples
 
-_SUPPORT = {"sinc": (HALF_WIDTH - 1, HALF_WIDTH), "cubic": (1, 2), "linear": (0, 1)}  # samples before and after
 _HALO = HALF_WIDTH + 1  # samples kept on either side of a chunk
 _PADDING = 8  # steps that the kernel reads beyond the last output's
 
@@ -344,8 +343,9 @@ class Warp:
         else:
             for row, out in zip(samples, values, strict=True):
                 (kernel.linear if self._method == "linear" else kernel.cubic)(row, positions, least, most, out)
+        support = {"sinc": (HALF_WIDTH - 1, HALF_WIDTH), "cubic": (1, 2), "linear": (0, 1)}  # samples before and after
         if ended or self._at == 0:
-            before, after = _SUPPORT[self._method]
+            before, after = support[self._method]
             beyond = (np.floor(positions) - before < least) | (np.ceil(positions) + after - 1 > most)
             if self._method == "sinc" and beyond.any():
                 on_record = ((np.arange(size) >= least) & (np.arange(size) <= most)).astype(np.float64)

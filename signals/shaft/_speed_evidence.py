@@ -124,7 +124,6 @@ def refinements(
 # ---- Evidence of tracked courses -------------------------------------------------------------------------------------
 
 _ODDS = np.log(20.0)  # of a speed against chance, another speed, and none in a sixth of the record
-_ODDS_OF_TONE = np.log(100.0)  # higher, since neighbouring machines and electronics cause tones
 
 _PARTS = 6
 _LOBE_BINS = 3  # half the main lobe of a Blackman-Harris window, whose side lobes are 92 dB down
@@ -270,7 +269,8 @@ class Verdict:
             return "its lines are missing in part of the record"
         if self.rivals:
             return "another speed explains the record about as well"
-        if self.against_tone < _ODDS_OF_TONE:
+        odds_of_tone = np.log(100.0)  # higher, since neighbouring machines and electronics cause tones
+        if self.against_tone < odds_of_tone:
             return "its lines stay at fixed frequencies and may be one tone with harmonics, unrelated to a shaft"
         return "" if self.best.refined else "the phase of its harmonics cannot be tracked through the record"
 

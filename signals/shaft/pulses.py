@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
-_IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals one revolution apart; random ones have 3
 _PULSES_PER_BLOCK = 2
 
 Edge = Literal["rising", "falling"]
@@ -222,9 +221,9 @@ def _is_pulse_train(found: _Edges, *, than: _Edges) -> bool:
     intervals = np.log(np.diff(found.positions))
     changes = [
         np.quantile(np.abs(intervals[stripes:] - intervals[:-stripes]), 0.75)
-        for stripes in range(1, min(_MOST_STRIPES, intervals.size // _FEWEST_IN_ORDER) + 1)
+        for stripes in range(1, min(8, intervals.size // 4) + 1)
     ]
-    return bool(changes and min(changes) < np.log(_IN_ORDER))
+    return bool(changes and min(changes) < np.log(1.5))  # of intervals one revolution apart; random ones have log 3
 
 
 def _edges_at_levels(wave: Array, hysteresis: float | None, *, narrow: bool) -> _Edges | None:

@@ -41,7 +41,6 @@ _LOBE_BINS = 3.0  # left out on either side of the line
 _MEDIAN_EFFICIENCY = 0.52
 _FEWEST_BINS = 8
 _REACH_BINS = 400  # beyond this a Hann side lobe lies 150 dB below its line
-_LINE = 4.0  # times the median amplitude
 
 Places: TypeAlias = "NDArray[np.intp]"
 
@@ -371,7 +370,7 @@ def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> floa
 
 
 def _medians(values: Array) -> tuple[float, float, int]:
-    """Return the median, the median of the values up to `_LINE` times that, and their number; reorder the values.
+    """Return the median, the median of the values up to 4 times that, and their number; reorder the values.
 
     Noise exceeds four times its median amplitude once in 65,000 points (2^-16). Larger points are taken for lines,
     which would raise the median and mask weak lines nearby. Values left out are above the median, so that the second
@@ -383,7 +382,7 @@ def _medians(values: Array) -> tuple[float, float, int]:
     values.partition(half)
     lower = values[: half + 1]
     median = _largest_mean(lower, values.size)
-    count = half + 1 + int(np.count_nonzero(values[half + 1 :] <= _LINE * median))
+    count = half + 1 + int(np.count_nonzero(values[half + 1 :] <= 4.0 * median))
     if count == values.size:
         return median, median, count
     lower.partition(count // 2)
