@@ -20,11 +20,6 @@ def write_item(item, path):
     part.replace(path)
 
 
-def write_process(_item, path):
-    """Write which process wrote."""
-    path.write_text(str(os.getpid()))
-
-
 def write_threads(_item, path):
     """Write how many threads linear algebra may use."""
     path.write_text(os.environ.get("OMP_NUM_THREADS", "any"))

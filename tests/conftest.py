@@ -36,13 +36,6 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def shared_folder(tmp_path_factory):
-    """Folder of this run that all its workers see."""
-    own = tmp_path_factory.getbasetemp()
-    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
-
-
-@pytest.fixture(scope="session")
 def real_data(pytestconfig):
     """Folder of measured records: HUMS_REAL_DATA, else shared/data beside the project; without either, skip.
 

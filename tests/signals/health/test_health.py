@@ -157,6 +157,14 @@ def test_dead_throughout(x):
     assert verdict.missing.all()
 
 
+def test_dead_but_for_one_sample():
+    x = np.zeros(10_000)
+    x[4000] = 1.0
+    verdict = judge(x)
+    assert verdict.status == "faulty"
+    assert np.count_nonzero(verdict.lost) == 9999
+
+
 # ---- hum ---------------------------------------------------------------------------------------------------
 
 

@@ -115,12 +115,13 @@ class TestAveraged:
     NOISE = np.random.default_rng(11).standard_normal(200_000)
 
     @pytest.mark.parametrize(
-        ("window", "overlap", "noverlap"), [("boxcar", 0.0, 0), ("hann", 0.5, 128), ("blackman", 0.75, 192)]
+        ("segment", "window", "overlap", "noverlap"),
+        [(256, "boxcar", 0.0, 0), (255, "boxcar", 0.0, 0), (256, "hann", 0.5, 128), (256, "blackman", 0.75, 192)],
     )
-    def test_density_is_that_of_scipy(self, window, overlap, noverlap):
+    def test_density_is_that_of_scipy(self, segment, window, overlap, noverlap):
         x = self.NOISE[:10_000] + 5
-        found = averaged_spectrum(x, rate=RATE, segment=256, overlap=overlap, window=window)
-        axis, density = welch(x - x.mean(), RATE, window=window, nperseg=256, noverlap=noverlap, detrend=False)
+        found = averaged_spectrum(x, rate=RATE, segment=segment, overlap=overlap, window=window)
+        axis, density = welch(x - x.mean(), RATE, window=window, nperseg=segment, noverlap=noverlap, detrend=False)
         np.testing.assert_allclose(found.axis, axis, rtol=1e-14)
         np.testing.assert_allclose(found.value, density, rtol=1e-9)  # rounding of sums of 1e4 terms
 
