@@ -41,7 +41,6 @@ from signals.health import SensorHealth as SensorHealth
 from signals.health import sensor_health as sensor_health
 from signals.indicators import INDICATORS as INDICATORS
 from signals.indicators import VarianceHistory as VarianceHistory
-from signals.resampling.angular_stream import AngularStream as AngularStream
 from signals.resampling.resampling import AngularSignal as AngularSignal
 from signals.resampling.resampling import TimeSignal as TimeSignal
 from signals.resampling.resampling import angular_resample as angular_resample

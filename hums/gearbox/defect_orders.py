@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hums.gearbox.mechanism import Contact
 
 
+BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 KINDS = (
     "shaft",
     "gear_mesh",
@@ -38,13 +39,9 @@ KINDS = (
     "planet_tooth",
     "hunting_tooth",
     "assembly_phase",
-    "inner_race",
-    "outer_race",
-    "rolling_element",
-    "cage",
+    *BEARING_KINDS,
 )
 COLUMNS = ("component", "kind", "order", "exact", "sources", "seen_from", "sidebands")
-BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -148,10 +148,9 @@ def pulse_times(
 
 @dataclass(frozen=True)
 class _Edges:
-    """Rising edges: positions and durations in samples, threshold and hysteresis, and the swing of the waveform."""
+    """Rising edges: positions in samples, threshold and hysteresis, and the swing of the waveform."""
 
     positions: Array
-    durations: NDArray[np.int64]
     level: float
     margin: float
     swing: float
@@ -202,7 +201,7 @@ def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
                 f"threshold={stated.threshold:g} with a hysteresis of {margin:.4g} on either side is not within the "
                 f"levels of the waveform, {stated.sign * low:.4g} and {stated.sign * high:.4g}; give one between them."
             )
-        return _Edges(*_crossings(wave, level, margin), level, margin, high - low)
+        return _Edges(_crossings(wave, level, margin), level, margin, high - low)
     found = _edges_at_levels(wave, stated.hysteresis, narrow=False)
     narrow = _edges_at_levels(wave, stated.hysteresis, narrow=True)
     best = found
@@ -278,12 +277,12 @@ def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narr
     margins = _HYSTERESIS * swing if hysteresis is None else np.full(swing.size, hysteresis)
     if base is None:
         first = float(levels[0]), float(margins[0]), float(swing[0])
-        return _Edges(*_crossings(wave, levels[0], margins[0]), *first)
+        return _Edges(_crossings(wave, levels[0], margins[0]), *first)
     at = np.arange(wave.size)
     level = base + np.interp(at, centres, levels)
     margin = np.interp(at, centres, margins)
     typical = (float(np.median(one)) for one in (level[np.rint(centres).astype(int)], margins, swing))
-    return _Edges(*_crossings(wave, level, margin), *typical)
+    return _Edges(_crossings(wave, level, margin), *typical)
 
 
 def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
@@ -314,7 +313,7 @@ def _noise(wave: Array) -> float:
     return float(1.4826 * np.median(differences) / np.sqrt(6))
 
 
-def _crossings(wave: Array, level: Array | float, margin: Array | float) -> tuple[Array, NDArray[np.int64]]:
+def _crossings(wave: Array, level: Array | float, margin: Array | float) -> Array:
     """Return the edges at which `wave` rises through `level`, each from below the margin to above it.
 
     Several crossings in one edge are replaced by the single one that leaves as much time below the level.
@@ -331,8 +330,7 @@ def _crossings(wave: Array, level: Array | float, margin: Array | float) -> tupl
     before, edge = before[within], edge[within]
     sign = np.where(above[before + 1], 1.0, -1.0)  # upward, downward, ... upward
     part = before - last_low[edge] + height[before] / (height[before] - height[before + 1])
-    positions = last_low.astype(np.float64) + np.bincount(edge, weights=sign * part, minlength=rises.size)
-    return positions, first_high - last_low
+    return np.asarray(last_low + np.bincount(edge, weights=sign * part, minlength=rises.size))
 
 
 # ---- Edges and direction of rotation from two tachometer channels in quadrature --------------------------------------
