@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hums.fleet.alarms import ACKNOWLEDGED, RAISED
 from hums.fleet.monitor import Epoch, driving_series
-from hums.fleet.observation import days_since_1970
+from hums.fleet.observation import days_since_1970, seconds_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory, component_row
@@ -100,9 +100,9 @@ def _small_course(history: MachineHistory) -> list[tuple[float, float]]:
 
 
 def _short(moment: str) -> str:
-    """Return an ISO 8601 time without zero seconds, or midnight; UTC if it has no offset."""
+    """Return an ISO 8601 time without zero seconds, or midnight, in UTC if it has no offset; or a name as it is."""
     plain = moment.removesuffix("Z").removesuffix("+00:00").removesuffix("T00:00:00")
-    return plain.removesuffix(":00").replace("T", " ") if "T" in plain else plain
+    return plain.removesuffix(":00").replace("T", " ") if math.isfinite(seconds_since_1970(moment)) else moment
 
 
 def _unit(unit: str) -> str:

@@ -1,6 +1,7 @@
 """The fleet's page in the browser: worst first, its figures, and five years of many machines."""
 
 import copy
+import html
 import json
 import re
 import sys
@@ -93,6 +94,15 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     quiet.state = MachineState(machine="é" * 5000)
     write_page([quiet], tmp_path / "long.html")  # no folder has such a name
     assert "<td>1</td><td>0.037</td>" in page  # one alarm; a record a day at one false alarm in 10,000 records
+
+
+def test_why_a_machine_is_not_monitored(tmp_path):
+    history = MachineHistory(state=MachineState(machine="mill", settings=followed([])[0].settings))
+    hovering = replace(kept(observed(40)), regime="hover", record="Test 40", recorded_at="")
+    history.follow([*map(kept, HEALTHY), hovering], ())
+    write_page([history], tmp_path / "fleet.html")
+    page = html.unescape((tmp_path / "fleet.html").read_text(encoding="utf-8"))
+    assert "Not monitored since Test 40: regime 'hover' is not in the baseline." in page
 
 
 def test_a_report_beside_the_page_is_linked(failing, tmp_path):
