@@ -316,8 +316,13 @@ def wind_turbine(given: argparse.Namespace) -> str:
 
 def cost(given: argparse.Namespace) -> str:
     """Return what a fleet costs."""
-    rows = cost_rows(given.analyses, records=given.run_records)
-    return "\n".join(["| case | measured | target |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
+    text = ["| case | measured | target |", "|---|---|---|"]
+    text += [f"| {' | '.join(row)} |" for row in cost_rows(given.analyses, records=given.run_records)]
+    text.append(
+        f"\nThe load average of the last fifteen minutes was {os.getloadavg()[2]:.1f} on {os.cpu_count()} CPUs; this "
+        "script adds up to 2. What exceeds the number of CPUs lengthens elapsed times in proportion."
+    )
+    return "\n".join(text)
 
 
 def main() -> None:
