@@ -273,6 +273,11 @@ def test_what_is_declared_wrongly(changes, sentence):
         build(**changes)
 
 
+def test_pulse_times_in_their_own_unit():
+    times = xr.DataArray([100.0, 350.0, 600.0], dims="pulse", attrs={"units": "ms"})
+    assert_allclose(build(**pulses(times))["tachometer"], [0.1, 0.35, 0.6], rtol=1e-15)
+
+
 def test_one_channel_that_shows_the_pulses_is_enough():
     fast = Channel(values=np.zeros(20000), units="g", rate_hz=10000)
     assert tachometers(build({"case": NOISE, "fast": fast}, **pulses(np.arange(5000) / 2500)))

@@ -320,10 +320,32 @@ def test_a_tab_shows_one_sensor_and_details_unfold(browser, several):
     assert browser.get_log("browser") == []
 
 
-def test_amplitudes_by_choice_intervals_of_tracks_and_peaks_of_maps(browser, several, run_up):
-    show(browser, several, width=1400)
-    browser.execute_script(UNFOLD)
-    draw_all(browser)
+def teeth_are_numbered_and_finely_sampled(browser):
+    for at, teeth in enumerate((23, 67, 19, 61, 21, 64)):
+        name = f"averages-{at}"
+        drawn = browser.execute_script(PLOTTED, name)[0]
+        assert len(drawn["y"]) >= 20 * teeth
+        assert drawn["x0"] == 0.5
+        assert drawn["x0"] + len(drawn["y"]) * drawn["dx"] == pytest.approx(teeth + 0.5)
+        numbers = browser.execute_script(TICKS, name)
+        assert min(numbers) == 1
+        assert max(numbers) <= teeth
+
+
+def lines_keep_their_colours(browser):
+    colours = {}
+    for tab in reversed(range(4)):  # the first stays in sight
+        browser.find_elements("css selector", "[role=tab]")[tab].click()
+        draw_all(browser)
+        for trace in browser.execute_script(PLOTTED, f"tracks-{tab}"):
+            if trace["name"]:
+                colours.setdefault(trace["name"], set()).add(trace["color"])
+    assert len(colours) > 1
+    assert all(len(given) == 1 for given in colours.values())
+
+
+def amplitudes_follow_the_choices(browser, run_up):
+    """Amplitudes as chosen, the intervals of tracks and the peaks of maps."""
     peak = {name: browser.execute_script(PLOTTED, name) for name in ("orders-0", "wideband-0", "tracks-0", "maps-0")}
     tracks = group(run_up, "tracks")
     (mesh,) = np.flatnonzero((tracks["track_channel"] == "a0") & (tracks["track_order"] == 23))
@@ -350,25 +372,10 @@ def test_amplitudes_by_choice_intervals_of_tracks_and_peaks_of_maps(browser, sev
             np.testing.assert_allclose(drawn, factor * np.array(peak[figure][0]["y"]), rtol=1e-5)
 
 
-def test_teeth_are_numbered_and_finely_sampled_and_lines_keep_their_colours(browser, several):
+def test_figures_of_several_sensors_on_a_run_up(browser, several, run_up):
     show(browser, several, width=1400)
     browser.execute_script(UNFOLD)
     draw_all(browser)
-    for at, teeth in enumerate((23, 67, 19, 61, 21, 64)):
-        name = f"averages-{at}"
-        drawn = browser.execute_script(PLOTTED, name)[0]
-        assert len(drawn["y"]) >= 20 * teeth
-        assert drawn["x0"] == 0.5
-        assert drawn["x0"] + len(drawn["y"]) * drawn["dx"] == pytest.approx(teeth + 0.5)
-        numbers = browser.execute_script(TICKS, name)
-        assert min(numbers) == 1
-        assert max(numbers) <= teeth
-    colours = {}
-    for tab in range(4):
-        browser.find_elements("css selector", "[role=tab]")[tab].click()
-        draw_all(browser)
-        for trace in browser.execute_script(PLOTTED, f"tracks-{tab}"):
-            if trace["name"]:
-                colours.setdefault(trace["name"], set()).add(trace["color"])
-    assert len(colours) > 1
-    assert all(len(given) == 1 for given in colours.values())
+    teeth_are_numbered_and_finely_sampled(browser)
+    lines_keep_their_colours(browser)
+    amplitudes_follow_the_choices(browser, run_up)
