@@ -1,8 +1,6 @@
 from signals.angle.averaging import CombAdvice as CombAdvice
-from signals.angle.averaging import HuntingPeriod as HuntingPeriod
 from signals.angle.averaging import SynchronousAverage as SynchronousAverage
 from signals.angle.averaging import comb_gain as comb_gain
-from signals.angle.averaging import hunting_period as hunting_period
 from signals.angle.averaging import quietest_revolutions as quietest_revolutions
 from signals.angle.averaging import synchronous_average as synchronous_average
 from signals.angle.planets import PassAngle as PassAngle

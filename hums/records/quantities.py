@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,24 +17,24 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-MEASURED_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "rev s-1": {"rev s-1": 1, "rev/s": 1, "Hz": 1, "rpm": 1 / 60, "rev/min": 1 / 60, "min-1": 1 / 60},
-        "N m": {"N m": 1, "Nm": 1, "N·m": 1, "kN m": 1e3, "kNm": 1e3},
-        "N": {"N": 1, "kN": 1e3},
-        "degC": {"degC": 1, "°C": 1},
-        "K": {"K": 1},
-        "Pa": {"Pa": 1, "kPa": 1e3, "bar": 1e5},
-        "W": {"W": 1, "kW": 1e3, "MW": 1e6},
-        "A": {"A": 1},
-        "V": {"V": 1},
-        "m s-1": {"m s-1": 1, "m/s": 1},
-        "1": {"1": 1, "%": 0.01},
-    }
-)
-"""Units of measured quantities as stored in a record, each with the accepted spellings and their factors."""
-SPELLINGS = {spelling: (name, float(factor)) for name, of in MEASURED_UNITS.items() for spelling, factor in of.items()}
-"""The unit as stored, and the factor to it, by spelling."""
+SPELLINGS: Mapping[str, tuple[str, float]] = {
+    spelling: (stored, factor)
+    for stored, factors in {
+        "rev s-1": {"rev s-1": 1.0, "rev/s": 1.0, "Hz": 1.0, "rpm": 1 / 60, "rev/min": 1 / 60, "min-1": 1 / 60},
+        "N m": {"N m": 1.0, "Nm": 1.0, "N·m": 1.0, "kN m": 1e3, "kNm": 1e3},
+        "N": {"N": 1.0, "kN": 1e3},
+        "degC": {"degC": 1.0, "°C": 1.0},
+        "K": {"K": 1.0},
+        "Pa": {"Pa": 1.0, "kPa": 1e3, "bar": 1e5},
+        "W": {"W": 1.0, "kW": 1e3, "MW": 1e6},
+        "A": {"A": 1.0},
+        "V": {"V": 1.0},
+        "m s-1": {"m s-1": 1.0, "m/s": 1.0},
+        "1": {"1": 1.0, "%": 0.01},
+    }.items()
+    for spelling, factor in factors.items()
+}
+"""The unit of a measured quantity as stored, and the factor to it, by accepted spelling."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +46,7 @@ class Measured:
     values : float or (n,) array_like
         One number for the record, or samples. NaN marks a gap.
     units : str
-        Units such as "N m", "kN", "degC" or "rpm", see `hums.records.quantities.MEASURED_UNITS`; the record holds SI
+        Units such as "N m", "kN", "degC" or "rpm", see `hums.records.quantities.SPELLINGS`; the record holds SI
         units (speeds in rev s-1).
     rate_hz : float or None
         Sampling rate in Hz, if it differs from the record's.

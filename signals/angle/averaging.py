@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-# ---- Comb filter of synchronous averaging: its gain, the best number of revolutions, and the hunting-tooth period ----
+# ---- Comb filter of synchronous averaging: its gain and the best number of revolutions -------------------------------
 
 
 @checked
@@ -178,68 +178,6 @@ def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> Co
         worst = np.maximum(worst, gain)
     best = int(limit - 1 - np.argmin(worst[::-1]))
     return CombAdvice(revolutions=best + 1, gain=float(worst[best]), null_every=every)
-
-
-@dataclass(frozen=True, kw_only=True)
-class HuntingPeriod:
-    """Period after which the same two teeth of a gear pair mesh again.
-
-    Attributes
-    ----------
-    meshes : int
-        Tooth engagements per period: the least common multiple of the numbers of teeth.
-    revolutions, mate_revolutions : int
-        Revolutions of either gear per period.
-    assembly_phases : int
-        Number of assembly phases: the greatest common divisor of the numbers of teeth. It is one for a hunting-tooth
-        pair, in which every tooth meets every tooth of the mate.
-
-    Examples
-    --------
-    >>> from signals import hunting_period
-    >>> hunting_period(20, 30).assembly_phases
-    10
-    """
-
-    meshes: int
-    revolutions: int
-    mate_revolutions: int
-    assembly_phases: int
-
-
-@checked
-def hunting_period(teeth: int, mate_teeth: int) -> HuntingPeriod:
-    """Return the hunting-tooth period of a gear pair, in meshes and in revolutions of either gear.
-
-    Parameters
-    ----------
-    teeth, mate_teeth : int
-        Numbers of teeth of both gears.
-
-    Returns
-    -------
-    HuntingPeriod
-
-    Raises
-    ------
-    ValueError
-        Fewer than one tooth.
-
-    Examples
-    --------
-    >>> from signals import hunting_period
-    >>> hunting_period(21, 41)
-    HuntingPeriod(meshes=861, revolutions=41, mate_revolutions=21, assembly_phases=1)
-    """
-    first = whole(teeth, name="teeth", least=1)
-    second = whole(mate_teeth, name="mate_teeth", least=1)
-    meshes = math.lcm(first, second)
-    return HuntingPeriod(
-        meshes=meshes,
-        revolutions=meshes // first,
-        mate_revolutions=meshes // second,
-        assembly_phases=math.gcd(first, second),
-    )
 
 
 # ---- Averaging -------------------------------------------------------------------------------------------------------

@@ -46,8 +46,6 @@ class Band(Candidate):
     ----------
     low_hz, high_hz, level, kurtosis, steady_kurtosis, envelope_negentropy, noise_std, power_share : float
         As in `Kurtogram`, for this band.
-    runners_up : tuple of Candidate
-        The next best bands that overlap neither this one nor each other, at most three.
     by_kurtosis, by_negentropy : Candidate
         The bands that kurtosis and negentropy alone would choose.
     why : str
@@ -64,7 +62,6 @@ class Band(Candidate):
     'This may be stationary noise'
     """
 
-    runners_up: tuple[Candidate, ...]
     by_kurtosis: Candidate
     by_negentropy: Candidate
     why: str
@@ -125,16 +122,15 @@ def choose_band(
             f"modulation_hz={least:g} is wider than every band that holds power (at most {gram.high_hz[0]:g} Hz); "
             "lower it, or sample faster."
         )
-    order, first_by_kurtosis, first_by_negentropy = (
-        np.flatnonzero(allowed)[np.argsort(-_column(gram, measure)[allowed], kind="stable")]
+    first, first_by_kurtosis, first_by_negentropy = (
+        np.flatnonzero(allowed)[np.argsort(-_column(gram, measure)[allowed], kind="stable")[0]]  # NaN last
         for measure in ("steady_kurtosis", "kurtosis", "envelope_negentropy")
     )
-    best = _candidate(gram, order[0])
-    by_kurtosis, by_negentropy = _candidate(gram, first_by_kurtosis[0]), _candidate(gram, first_by_negentropy[0])
-    lines = float(gram.envelope_lines[order[0]])
+    best = _candidate(gram, first)
+    by_kurtosis, by_negentropy = _candidate(gram, first_by_kurtosis), _candidate(gram, first_by_negentropy)
+    lines = float(gram.envelope_lines[first])
     return Band(
         **vars(best),
-        runners_up=_apart(gram, order),
         by_kurtosis=by_kurtosis,
         by_negentropy=by_negentropy,
         why=_why(best, by_kurtosis, bands=int(allowed.sum())),
@@ -146,20 +142,8 @@ def _column(gram: Kurtogram, name: str) -> Array:
     return np.asarray(getattr(gram, name), dtype=np.float64)
 
 
-def _candidate(gram: Kurtogram, index: int) -> Candidate:
+def _candidate(gram: Kurtogram, index: np.intp) -> Candidate:
     return Candidate(**{name: float(_column(gram, name)[index]) for name in Candidate.__dataclass_fields__})
-
-
-def _apart(gram: Kurtogram, order: NDArray[np.intp]) -> tuple[Candidate, ...]:
-    """Return the next best bands that overlap neither the first nor each other."""
-    chosen = [int(order[0])]
-    low, high = gram.low_hz * (1 + 1e-9), gram.high_hz * (1 - 1e-9)  # adjacent edges differ by rounding
-    for index in order[1:]:
-        if all(high[index] <= low[t] or low[index] >= high[t] for t in chosen):
-            chosen.append(int(index))
-        if len(chosen) > 3:  # noqa: PLR2004 - the first and three others
-            break
-    return tuple(_candidate(gram, index) for index in chosen[1:])
 
 
 def _why(best: Candidate, by_kurtosis: Candidate, *, bands: int) -> str:

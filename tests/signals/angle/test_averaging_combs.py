@@ -1,4 +1,4 @@
-"""The comb of an average against sums of phasors, its nulls, and the hunting periods of real pairs."""
+"""The comb of an average against sums of phasors, and its nulls."""
 
 from fractions import Fraction
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from signals.angle.averaging import comb_gain, hunting_period, quietest_revolutions
+from signals.angle.averaging import comb_gain, quietest_revolutions
 
 ORDER = Fraction(641, 20)  # 32.05
 
@@ -65,15 +65,3 @@ class TestAdvice:
     def test_something_must_be_named(self):
         with pytest.raises(ValueError, match="orders is empty"):
             quietest_revolutions([], most=10)
-
-
-class TestHunting:
-    @pytest.mark.parametrize(("teeth", "mate"), [(20, 41), (17, 20), (21, 93), (24, 36), (7, 7)])
-    def test_teeth_that_met_meet_again(self, teeth, mate):
-        # turn the pair tooth by tooth until the first two are back
-        meshes = next(k for k in range(1, 10_000) if k % teeth == 0 and k % mate == 0)
-        period = hunting_period(teeth, mate)
-        assert (period.meshes, period.revolutions, period.mate_revolutions) == (meshes, meshes // teeth, meshes // mate)
-        # and those that a tooth meets meanwhile are all of its assembly phase
-        met = {k % mate for k in range(0, meshes, teeth)}
-        assert len(met) * period.assembly_phases == mate
