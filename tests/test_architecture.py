@@ -70,8 +70,8 @@ ONE_DOOR = {
 # of today, and what is to be reached. Ceilings only fall: `python benchmarks/code_size.py --lower` brings them down.
 BUDGETS = """
     signals (root)                                              560    486    400
-    signals/angle                                              1111   1003    900
-    signals/demodulation                                        905    732    750
+    signals/angle                                              1111    986    900
+    signals/demodulation                                        905    721    750
     signals/harmonics, signals/slipping_order                  4012   2762   2500
     signals/health, signals/indicators                          955    814    800
     signals/monitoring                                         1135    531    700
@@ -93,10 +93,10 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2485   2200
     data_synth/sources, data_synth/transfer                    1545   1219   1200
-    all code lines                                            48791  39168  33500
+    all code lines                                            48791  39138  33500
     all modules                                                 345    280    240
-    all constants                                              1492    915    750
-    tests                                                     35938  26339  23000
+    all constants                                              1492    914    750
+    tests                                                     35938  26331  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many
