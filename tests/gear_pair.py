@@ -106,21 +106,16 @@ def state_output(rate_hz):
     return Output(rate_hz=rate_hz, displacement=q, velocity=v)
 
 
-def whole_state(rate_hz):
-    """Read all displacements, then all velocities."""
-    eye, zero = np.eye(4), np.zeros((4, 4))
-    return Output(rate_hz=rate_hz, displacement=np.vstack([eye, zero]), velocity=np.vstack([zero, eye]))
-
-
 def worst(values, reference):
     """Return the RMS of the difference over the RMS, of the worst channel."""
     return float(np.max(np.sqrt(np.mean((values - reference) ** 2, axis=0) / np.mean(reference**2, axis=0))))
 
 
-def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
+def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853", teeth=None):
     """Read displacements and velocities of the equations as `data_synth.dynamics.system` writes them, solved by scipy.
 
-    It knows nothing of modes, jumps or contacts, and finds its way by making its steps smaller.
+    It knows nothing of modes, jumps or contacts, and finds its way by making its steps smaller. `teeth` gives stiffness
+    and error of meshes at a time in s, in place of their own.
     """
     system, load, turns = problem.system, problem.load, problem.reference
     dof = len(system.names)
@@ -135,8 +130,10 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
             force = force + load.varying(np.array([t]))[0]
         for mesh in system.meshes:
             phase = mesh.cycles_per_rev * angle
-            delta = mesh.direction @ q - (0.0 if mesh.error is None else mesh.error(phase))
-            pressed = mesh.stiffness(phase) * (delta - min(max(delta, -mesh.backlash_m), mesh.backlash_m))
+            own = mesh.stiffness(phase), 0.0 if mesh.error is None else mesh.error(phase)
+            stiffness, error = own if teeth is None else teeth(t)
+            delta = mesh.direction @ q - error
+            pressed = stiffness * (delta - min(max(delta, -mesh.backlash_m), mesh.backlash_m))
             force = force - mesh.direction * pressed
             driving = max(pressed, 0.0) if mesh.backlash_m > 0 else pressed
             for rub in mesh.friction:

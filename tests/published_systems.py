@@ -2,14 +2,9 @@
 
 import math
 
-from gearboxes import held_planetary
-
-from data_synth.dynamics.assembly import Inertia, MeshProperties, SupportStiffness, assemble
 from data_synth.dynamics.elements import Coupling, GearMesh, GeneralMesh, Support
 from data_synth.dynamics.system import PLANE, Body, build_system
-from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Constant
-from hums.gearbox.model import Gearbox
 
 # the gear pair of Wijianto with exact pitch radii: 36/63 teeth, module 3.5 mm, helix 12 degrees
 MASSES = (5.4221023337128938, 16.605188396995737)
@@ -69,34 +64,3 @@ def chaari():
             GeneralMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e8)),
         ],
     )
-
-
-def planetary(count, *, teeth=(24, 36, 96), error=None, **changes):
-    """Their planetary set as a gearbox: only teeth and base radii are ours, which their parameters leave open."""
-    sun, planet, ring = teeth
-    pressure, width, module = math.radians(24.6), 0.03, 2e-3
-    gearbox = Gearbox.from_mapping(held_planetary(*teeth, copies=count))
-    geometry = {
-        name: GearPair(teeth=teeth, module_m=module, face_width_m=width, pressure_angle_rad=pressure)
-        for name, teeth in {"sun-planet": (sun, planet), "planet-ring": (planet, -ring)}.items()
-    }
-    half = module / 2 * math.cos(pressure)
-    base = {"sun": sun * half, "planet": planet * half, "ring": ring * half}
-    base["carrier"] = geometry["sun-planet"].centre_distance_m
-    given = {"sun": (0.4, 0.39), "ring": (2.35, 3.0), "carrier": (5.43, 6.29)}
-    given |= {f"planet {number + 1}": (0.66, 0.61) for number in range(count)}
-    inertias = {
-        name: Inertia(mass_kg=mass, inertia_kgm2=inertia * base[name.split()[0]] ** 2)
-        for name, (mass, inertia) in given.items()
-    }
-    settings = {
-        "motions": "plane",
-        "inertias": inertias,
-        "supports": {"ring": SupportStiffness(torsion=1e9 * base["ring"] ** 2)},
-        "meshes": {
-            name: MeshProperties(geometry=pair, stiffness=Constant(mean=5e8), error=error)
-            for name, pair in geometry.items()
-        },
-        **changes,
-    }
-    return assemble(gearbox, **settings).system

@@ -35,9 +35,10 @@ def geometry():
     return bearing.elements, ratio, ratio * np.cos(np.radians(bearing.contact_angle_deg))
 
 
-def at_impacts(record, roller):
-    phases = record["truth_roller_revolutions"].sel(truth_roller=f"{BEARING}/{roller}").values
-    return np.interp(record["truth_impact_times_1"].values, record["time"].values, phases)
+def at_impacts(record, part, *, of="roller", number=1):
+    name = f"{BEARING}/{part}" if of == "roller" else part
+    phases = record[f"truth_{of}_revolutions"].sel({f"truth_{of}": name}).values
+    return np.interp(record[f"truth_impact_times_{number}"].values, record["time"].values, phases)
 
 
 KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
@@ -54,11 +55,7 @@ def test_impacts_fall_at_whole_turns_of_the_stated_phase(kind, slip):
     # so does what strikes: an element at the spot of a race, a spot of an element at either race, the cage
     elements, _, _ = geometry()
     cage, element = at_impacts(record, "cage"), at_impacts(record, "element")
-    ring = np.interp(
-        record["truth_impact_times_1"].values,
-        record["time"].values,
-        record["truth_shaft_revolutions"].sel(truth_shaft="intermediate").values,
-    )
+    ring = at_impacts(record, "intermediate", of="shaft")
     turns = {"outer_race": elements * cage, "inner_race": elements * (ring - cage), "rolling_element": 2 * element}
     mine = turns.get(kind, cage)
     assert_allclose(np.abs(np.diff(mine)), 1, atol=6e-4)
@@ -93,8 +90,7 @@ def test_two_defects_of_a_bearing_have_a_phase_each():
     assert rollers[:4] == [
         f"{BEARING}/{part}" for part in ("cage", "element", "outer_race strike", "inner_race strike")
     ]
-    phases = record["truth_roller_revolutions"].sel(truth_roller=f"{BEARING}/inner_race strike").values
-    struck = np.interp(record["truth_impact_times_2"].values, record["time"].values, phases)
+    struck = at_impacts(record, "inner_race strike", number=2)
     assert_allclose(struck, np.round(struck), atol=3e-4)
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
@@ -71,10 +72,7 @@ def test_a_spoilt_tachometer_makes_a_record_with_its_truth():
         "link": "input", "pulses_per_rev": 8, "missing": {"share": 0.05}, "spurious": {"per_second": 20},
         "jitter": {"std_s": 1e-6}, "uneven": {"std_deg": 0.2},
     }  # fmt: skip
-    table = {
-        "gearbox": "two-stage", "rate_hz": 5000, "duration_s": 1.0, "fidelity": "kinematic",
-        "speed": {"link": "input", "rpm": 900}, "sensor": [{"name": "a", "on": "input", "units": "g"}],
-    }  # fmt: skip
+    table = TWO_STAGE | {"speed": {"link": "input", "rpm": 900}}
     sound = simulate(Scene.from_mapping({**table, "tachometer": {"link": "input", "pulses_per_rev": 8}}), seed=1)
     spoilt = simulate(Scene.from_mapping({**table, "tachometer": tachometer}), seed=1)
     check_record(spoilt)
@@ -95,11 +93,6 @@ def test_a_spoilt_tachometer_makes_a_record_with_its_truth():
     ],
 )
 def test_marks_that_make_no_sense_are_refused(change, sentence):
-    table = {
-        "gearbox": "two-stage", "rate_hz": 5000, "duration_s": 1.0, "fidelity": "kinematic",
-        "speed": {"link": "input", "rpm": 900}, "sensor": [{"name": "a", "on": "input", "units": "g"}],
-        "tachometer": {"link": "input", "pulses_per_rev": 4, **change},
-    }  # fmt: skip
     with pytest.raises(SceneError) as caught:
-        Scene.from_mapping(table)
+        Scene.from_mapping(TWO_STAGE | {"tachometer": {"link": "input", "pulses_per_rev": 4, **change}})
     assert sentence in str(caught.value)

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 import tomli_w
-from declared_pair import declared_pair
+from declared_pair import PAIR
 from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 from scipy.signal import freqs
@@ -206,16 +206,13 @@ def test_lines_too_far_apart_are_refused():
 
 # ---- gears that vibrate ------------------------------------------------------------------------------------------
 
-PAIR = {
-    "gearbox": declared_pair(),
+MOVING = {
+    **PAIR,
     "rate_hz": RATE,
     "duration_s": 1.0,
-    "fidelity": "dynamic",
     "speed": {"link": "pinion", "rpm": 1470},
     "torque": {"link": "wheel", "nm": 200},
-    "tachometer": {"link": "pinion", "pulses_per_rev": 1},
-    "noise": {"rms": 0},
-    "excitation": {"shaft_amplitude": 0},
+    "dynamics": {},
     "sensor": [{"name": name, "on": "pinion", "direction": [0, 1, 0], "units": "m s-2"} for name in ("a", "b")],
 }
 HOUSING_KG, MOUNTS_HZ, MOUNTS_ZETA = 15.0, 30.0, 0.3
@@ -232,7 +229,9 @@ def shaken(*transfers, loud, fidelity="dynamic", **changes):
         "error": 1e-5,
     }
     record = simulate(
-        Scene.from_mapping(PAIR | {"dynamics": dynamics, "transfer": list(transfers), "fidelity": fidelity} | changes),
+        Scene.from_mapping(
+            MOVING | {"dynamics": dynamics, "transfer": list(transfers), "fidelity": fidelity} | changes
+        ),
         seed=1,
     )
     # 490 Hz and its multiples, whole in a second; what folds back at 20 kHz falls between them
@@ -276,8 +275,8 @@ def test_ways_from_teeth_in_motion_are_refused():
 
 def test_a_sensor_in_motion_reads_a_share_of_what_is_across_it():
     def heard(direction, **more):
-        sensors = [PAIR["sensor"][0] | {"direction": direction} | more]
-        scene = Scene.from_mapping(PAIR | {"sensor": sensors, "duration_s": 0.2})
+        sensors = [MOVING["sensor"][0] | {"direction": direction} | more]
+        scene = Scene.from_mapping(MOVING | {"sensor": sensors, "duration_s": 0.2})
         return simulate(scene, seed=1)["a"].values
 
     up, aside = heard([0, 1, 0]), heard([0, 0, 1])
