@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from page_files import table
 from tracking.clock import Effort, time_in_ffts
-from tracking.tables import table
 
 import hums
 import signals

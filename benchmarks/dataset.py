@@ -9,7 +9,6 @@ trained on the training split, its penalty chosen on the validation split, its s
 
 import argparse
 import resource
-import sys
 import tempfile
 import time
 import tomllib
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from page_files import table, write_page
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
@@ -154,12 +154,12 @@ def _features(folder: Path, number: int) -> tuple[dict[str, float], Findings]:
 
 
 def page_of(
-    labels: pd.DataFrame, table: pd.DataFrame, findings: list[Findings], plan: dict[str, Any], cost: str
+    labels: pd.DataFrame, features: pd.DataFrame, findings: list[Findings], plan: dict[str, Any], cost: str
 ) -> str:
     """Return the page of labels, features and findings, a row for each record, of a plan as TOML has it."""
     said = verdicts_of(labels, findings)
     split = {name: (labels["split"] == name).to_numpy() for name in ("train", "validation", "test")}
-    x, classes = standardised(table, split["train"]), np.array([CLASSES.index(name) for name in labels["class"]])
+    x, classes = standardised(features, split["train"]), np.array([CLASSES.index(name) for name in labels["class"]])
 
     def score(penalty: float) -> float:
         weights = fitted(x[split["train"]], classes[split["train"]], penalty=penalty)
@@ -184,35 +184,30 @@ def page_of(
         f"({balanced_accuracy(classes[split['train']], own):.2f} on training); "
         f"a guess has {1 / len(CLASSES):.2f}."
     )
-    lines += [
-        "",
-        "| class | test records | recall | precision | most often taken for |",
-        "|---|---|---|---|---|",
-    ]
+    rows: list[tuple[object, ...]] = []
     for number, name in enumerate(CLASSES):
         mine, called = test[test["true"] == number], test[test["guess"] == number]
         wrong = mine[mine["guess"] != number]["guess"].value_counts()
         taken = CLASSES[int(wrong.index[0])] if len(wrong) else ""
         recall = f"{np.mean(mine['guess'] == number):.2f}" if len(mine) else ""
         precision = f"{np.mean(called['true'] == number):.2f}" if len(called) else ""
-        lines.append(f"| {name} | {len(mine)} | {recall} | {precision} | {taken} |")
-    faulty = test["true"] > 0
-    lines += ["", "| faults of | test records | right class |", "|---|---|---|"]
+        rows.append((name, len(mine), recall, precision, taken))
+    lines += ["", *table(("class", "test records", "recall", "precision", "most often taken for"), rows)]
+    faulty, rows = test["true"] > 0, []
     for low, high in SEVERITIES:
         here = faulty & (test["severity"] >= low) & (test["severity"] < high)
-        lines.append(f"| severity {low:.2f} to {min(high, 1):.2f} | {here.sum()} | {_share(right[here])} |")
+        rows.append((f"severity {low:.2f} to {min(high, 1):.2f}", here.sum(), _share(right[here])))
     for low, high in pairwise(DETECTABLE_DB):
         here = faulty & (test["detectability_db"] >= low) & (test["detectability_db"] < high)
         span = f"below {high:g}" if low == -np.inf else f"above {low:g}" if high == np.inf else f"{low:g} to {high:g}"
-        lines.append(f"| detectability {span} dB | {here.sum()} | {_share(right[here])} |")
-    return "\n".join([*lines, "", *said, *(["", cost] if cost else [])]) + "\n"
+        rows.append((f"detectability {span} dB", here.sum(), _share(right[here])))
+    lines += table(("faults of", "test records", "right class"), rows)
+    return "\n".join([*lines, *said, cost]).rstrip() + "\n"
 
 
 def verdicts_of(labels: pd.DataFrame, findings: list[Findings]) -> list[str]:
     """Return the lines of the table of verdicts, a row for each class."""
-    lines = ["## Verdicts", "", VERDICTS.format(detectable=NAMED_DB), ""]
-    lines.append("| class | records | of them detectable | named first | of its shaft | diagnosed wrongly |")
-    lines.append("|---|---|---|---|---|---|")
+    rows: list[tuple[object, ...]] = []
     for name in CLASSES:
         mine = [
             (row, found) for (_, row), found in zip(labels.iterrows(), findings, strict=True) if row["class"] == name
@@ -232,8 +227,9 @@ def verdicts_of(labels: pd.DataFrame, findings: list[Findings]) -> list[str]:
             for row, found in mine
         )
         counts = (len(detectable), first, beside if kind == "tooth" else "") if kind else ("", "", "")
-        lines.append(f"| {name} | {len(mine)} | {' | '.join(map(str, counts))} | {wrong} |")
-    return lines
+        rows.append((name, len(mine), *counts, wrong))
+    head = ("class", "records", "of them detectable", "named first", "of its shaft", "diagnosed wrongly")
+    return ["## Verdicts", "", VERDICTS.format(detectable=NAMED_DB), "", *table(head, rows)]
 
 
 def _shaft(component: str) -> str:
@@ -250,14 +246,14 @@ def _cpu_s() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def main(arguments: list[str]) -> int:
+def main() -> None:
     """Make the records, score the classifier, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--data", type=Path)
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks"))
-    chosen = parser.parse_args(arguments)
+    chosen = parser.parse_args()
     plan = load_plan("benchmark-1").changed(records=chosen.records)
     with tempfile.TemporaryDirectory() as scratch:
         folder = chosen.data or Path(scratch) / "benchmark-1"
@@ -270,11 +266,8 @@ def main(arguments: list[str]) -> int:
                 f"{(time.perf_counter() - begun) / 60:.1f} minutes; worker processes: {chosen.workers}."
             )
         text = page(folder, plan, cost, workers=chosen.workers)
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    (chosen.out / "dataset.md").write_text(text, encoding="utf-8")
-    print(text)  # noqa: T201
-    return 0
+    write_page(chosen.out / "dataset.md", [text])
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -4,7 +4,6 @@ Writes fidelity.md and fidelity.svg into FOLDER (default docs/benchmarks).
 """
 
 import os
-import sys
 
 if __name__ == "__main__":  # the libraries read these once, when they are imported
     os.environ |= dict.fromkeys(
@@ -22,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 
 from data_synth import Scene, load_scene
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
@@ -181,7 +181,7 @@ def apart_db(found: Array, wanted: Array) -> float:
     return 20 * math.log10(ratio) if ratio > 0 else -math.inf
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Measure, and write the tables and the picture."""
     scenes = cases()
     for scene in scenes.values():  # compiled before it is timed
@@ -194,14 +194,12 @@ def main(folder: Path) -> int:
         error=Dynamics().error,
         oversampling=motion_in(demo()).oversampling,
     )
-    lines = ["# Gear dynamics: time against error", "", note, "", "![time against error](fidelity.svg)"]
+    lines = ["# Gear dynamics: time against error", "", note, "", "![time against error](fidelity.svg)", ""]
     for name, rows in measured.items():
-        lines += ["", f"## {name[0].upper()}{name[1:]}", "", "| model | s | error, dB |", "|---|---|---|"]
-        lines += [f"| {row.name} | {row.seconds:.3f} | {row.decibels:.0f} |" for row in rows]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "fidelity.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        cells = ((row.name, f"{row.seconds:.3f}", f"{row.decibels:.0f}") for row in rows)
+        lines += [f"## {name[0].upper()}{name[1:]}", "", *table(("model", "s", "error, dB"), cells)]
+    write_page(folder / "fidelity.md", lines)
     save_figure(lambda ax: draw(ax, measured), folder / "fidelity.svg", width=8.0, height=4.6)
-    return 0
 
 
 TICKS_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -226,4 +224,4 @@ def draw(ax: Any, measured: Mapping[str, list[Row]]) -> None:  # noqa: ANN401
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs" / "benchmarks"))
+    main(folder_given())

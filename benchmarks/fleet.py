@@ -8,7 +8,6 @@ by `hums.analyze_fleet`; it is made where it is missing, a record in 1 s of CPU.
 
 import argparse
 import os
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +20,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from fleet_analyses import (
     MACHINES,
-    RECORDS,
     SIZES,
     Analyses,
     Array,
@@ -34,6 +32,7 @@ from fleet_chain import CHUNK, RATES, WATCHED, at_rate, largest, two_of_three, w
 from fleet_cost import cost_rows
 from fleet_forecasts import LAWS, coverage
 from fleet_measured import run_to_failure, turbine
+from page_files import table
 from scipy.stats import gamma
 
 from hums.fleet.monitor import MachineState, update
@@ -48,7 +47,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 BASELINES = (30, 300)
 ONSET = 60  # healthy records between the baseline and the start of a fault
-FAILING = 24  # machines of each fault
+HEALTHY, FAILING = 400, 24  # machines, healthy and of each fault
+FORECASTS, TIMED = 300, 1_000  # of each law, and records of the whole run that is timed
 DAY = datetime(2020, 1, 1, tzinfo=UTC)
 MEASURED_STATES = ("temperature_k", "load")
 
@@ -90,23 +90,20 @@ def run_lengths(until: Array) -> tuple[int, int, float, float]:
     return alarms, int(records), records / most, records / fewest if alarms else np.inf
 
 
-def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> str:
+def false_alarms(found: Analyses, resampled: Resampled) -> str:
     """Return how many alarms healthy machines raise, and how many are stated."""
     _, _, layout = layout_of(found.series)
     words = (
-        f"{given.machines} machines, {WATCHED} monitored records each; a tenth as many with temperature and load "
+        f"{HEALTHY} machines, {WATCHED} monitored records each; a tenth as many with temperature and load "
         "measured with each record. The stated run length is the mean number of records of a machine from a state "
         "without alarms to the first alarm of any of its components and sensors; what follows while that stands is not "
         "counted. It is measured as all records up to the first alarms over the number of these; nine in ten machines "
         "reach the number of records in the last column but one.\n"
     )
-    text = [
-        words,
-        "| baseline | measured | stated: one in | alarms | in records | one in | 95% of that | nine in ten | within |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    counts = ("stated: one in", "alarms", "in records", "one in", "95% of that", "nine in ten", "within")
+    rows: list[tuple[object, ...]] = []
     for baseline in BASELINES:
-        for measured, machines in (((), given.machines), (MEASURED_STATES, given.machines // 10)):
+        for measured, machines in (((), HEALTHY), (MEASURED_STATES, HEALTHY // 10)):
             fleets, _ = healthy_fleet(
                 resampled, found, layout, machines=machines, baseline=baseline, seed=5, measured=measured
             )
@@ -123,19 +120,19 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
                     f"{records / alarms:,.0f}" if alarms else f"over {records:,}",
                     f"{low:,.0f} to {high:,.0f}" if alarms else f"over {low:,.0f}",
                     f"{tenth:.0f}" if tenth < np.inf else f"over {WATCHED}",
+                    within,
                 )
-                text.append(f"| {' | '.join(map(str, cells))} | {within} |")
-                sys.stdout.write(f"{text[-1]}\n")
-                sys.stdout.flush()
-    still, few = resampled.still(), given.machines // 4
+                rows.append(cells)
+                print(*cells, flush=True)  # noqa: T201
+    still, few = resampled.still(), HEALTHY // 4
     until = healthy_fleet(still, found, layout, machines=few, baseline=BASELINES[0], seed=5)[0][0]
     alarms, records, *_ = run_lengths(until)
-    text.append(
-        f"\nThe interval is that of a Poisson number, of machines from the same {len(resampled.healthy)} analyses. "
+    note = (
+        f"The interval is that of a Poisson number, of machines from the same {len(resampled.healthy)} analyses. "
         "Nearly all alarms are due to slow changes that are not measured: without these (nothing measured, baseline of "
         f"{BASELINES[0]}), {few} machines raise {alarms} in {records:,} records where one in {RATES[0]:,.0f} is stated."
     )
-    return "\n".join(text)
+    return "\n".join([words, *table(("baseline", "measured", *counts), rows), note])
 
 
 # ---- faults that grow ------------------------------------------------------------------------------------------------
@@ -207,14 +204,14 @@ def single(series: tuple[Series, ...], indicator: str) -> Layout:
     return Layout(components=tuple((np.array([i]),) for i in those), powers=np.zeros(len(series)))
 
 
-def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> str:
+def growing_faults(found: Analyses, resampled: Resampled) -> str:
     """Return when growing faults are detected, and whether the part is right; by RMS at the same run length, too."""
     baseline, rms = BASELINES[0], single(found.series, "rms")
-    fleet = partial(healthy_fleet, resampled, found, machines=given.machines, baseline=baseline, seed=7)
+    fleet = partial(healthy_fleet, resampled, found, machines=HEALTHY, baseline=baseline, seed=7)
     alarms, records, *_ = run_lengths(fleet(layout_of(found.series)[2])[0][1])
     every = records / max(alarms, 1)
     factor = at_rate(fleet(rms)[1][1], every)
-    courses, right, text = fault_courses(found), [], list[str]()
+    courses, right, rows = fault_courses(found), [], []
     for number, (name, _, part, *_) in enumerate(SIZES):
         course, rng = courses[name], np.random.default_rng([6, number])
         grown = np.geomspace(course[0][0], course[0][-1], WATCHED - ONSET)
@@ -227,43 +224,38 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
         by_all = first_alarms([first for first, _ in watched], grown, [one for _, one in watched])
         right.append([credit(one, part) for one in by_all.named])
         wrong = Counter(one for one in by_all.named if not credit(one, part)).most_common(2)
-        cells = f"{part} | {grown[0]:.2g} to {grown[-1]:.2g} | {by_all} | {by_rms} | {sum(right[-1]):.3g} of"
-        text.append(f"| {name} | {cells} {len(right[-1])} | {', '.join(f'{one} ({count})' for one, count in wrong)} |")
-        sys.stdout.write(f"{text[-1]}\n")
-        sys.stdout.flush()
+        share = f"{sum(right[-1]):.3g} of {len(right[-1])}"
+        others = ", ".join(f"{one} ({count})" for one, count in wrong)
+        rows.append((name, part, f"{grown[0]:.2g} to {grown[-1]:.2g}", by_all, by_rms, share, others))
+        print(*rows[-1], flush=True)  # noqa: T201
     shares = [np.mean(one) for one in right if len(one) * 2 >= FAILING]
     words = (
         f"{FAILING} machines of each fault. Exponential growth over {WATCHED - ONSET} records from the smallest to the "
         f"largest size analysed, after a baseline of {baseline} records and {ONSET} healthy ones. All components and "
         "sensors with verdicts, as monitored, against the EWMAs of RMS, whose limits are those at which "
-        f"{given.machines} healthy machines raise as many alarms: one in {every:,.0f} records (times {factor:.2f}). "
+        f"{HEALTHY} healthy machines raise as many alarms: one in {every:,.0f} records (times {factor:.2f}). "
         "Median size and median delay since onset, in records, at the first alarm, and share of machines with one. "
         "The part is right if the alarm names it or its mesh, by 1/n if it names n that cannot be told apart; averaged "
         f"over kinds of which half of the machines raise one, {np.mean(shares):.0%} of the alarms name the right "
         "part.\n"
     )
-    head = [
-        "| fault | component | sizes, mm | all, with verdicts | RMS | right part | wrong parts |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    none = "\n`none`: half of the machines raise no alarm before the largest size."
-    return "\n".join([words, *head, *text, none])
+    head = ("fault", "component", "sizes, mm", "all, with verdicts", "RMS", "right part", "wrong parts")
+    none = "`none`: half of the machines raise no alarm before the largest size."
+    return "\n".join([words, *table(head, rows), none])
 
 
 # ---- forecasts -------------------------------------------------------------------------------------------------------
 
 
-def forecasts(given: argparse.Namespace) -> str:
+def forecasts() -> str:
     """Return how often the true time lies in the interval of a forecast, for each law of growth."""
-    text = [
-        "| growth | given | 90% intervals hold | median width, records | median remaining time |",
-        "|---|---|---|---|---|",
-    ]
+    rows = []
     for law in LAWS:
-        inside, width, remains = coverage(law, given.forecasts)
-        cells = f"{inside.size / given.forecasts:.0%} | {inside.mean():.0%} | {np.median(width):.0f}"
-        text.append(f"| {law} | {cells} | {np.median(remains):.0f} |")
-    return "\n".join(text)
+        inside, width, remains = coverage(law, FORECASTS)
+        shares = f"{inside.size / FORECASTS:.0%}", f"{inside.mean():.0%}"
+        rows.append((law, *shares, f"{np.median(width):.0f}", f"{np.median(remains):.0f}"))
+    head = ("growth", "given", "90% intervals hold", "median width, records", "median remaining time")
+    return "\n".join(table(head, rows))
 
 
 # ---- the page --------------------------------------------------------------------------------------------------------
@@ -271,8 +263,7 @@ def forecasts(given: argparse.Namespace) -> str:
 
 INTRO = """# Fleet: alarms of healthy and failing machines
 
-Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--only`: alarms and faults with
-`--machines 400`, forecasts with `--forecasts 300`, cost with `--run-records 1000`.
+Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--only`.
 
 **Fleets** are resampled from analyses of one gearbox: each series of indicators is the sum of its mean, its slopes on
 gain, noise, temperature and load, which are correlated as in `data_synth.scene.machine_history` (over 5 and 50 records,
@@ -292,38 +283,33 @@ Nothing is tuned to measured records.
 
 def pronostia(given: argparse.Namespace) -> str:
     """Return when bearings that ran to failure raised their alarms."""
-    text = [
-        "Baseline: the first tenth of each run; indicators of single snapshots of 0.1 s.\n",
-        "| run | snapshots | first alarm, share of life | indicators | active at the end |",
-        "|---|---|---|---|---|",
-    ]
+    rows = []
     for path in sorted((Path(given.data) / "pronostia").glob("*.npz")):
         count, first, what, stands = run_to_failure(path)
-        text.append(f"| {path.stem} | {count} | {first:.2f} | {what} | {'yes' if stands else 'no'} |")
-    return "\n".join(text)
+        rows.append((path.stem, count, f"{first:.2f}", what, "yes" if stands else "no"))
+    head = ("run", "snapshots", "first alarm, share of life", "indicators", "active at the end")
+    words = "Baseline: the first tenth of each run; indicators of single snapshots of 0.1 s.\n"
+    return "\n".join([words, *table(head, rows)])
 
 
 def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
-    text = [
-        "Four records, with the first two as baseline, the second of which is already diagnosed.\n",
-        "| recorded | condition index | deviation | component | alarm |",
-    ]
-    text += ["|---|---|---|---|---|"]
-    for when, index, change, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):
-        text.append(f"| {when[:10]} | {index:.2f} | {change} | {component} | {alarm or 'no'} |")
-    return "\n".join(text)
+    rows = (
+        (when[:10], f"{index:.2f}", change, component, alarm or "no")
+        for when, index, change, component, alarm in turbine(Path(given.data) / "wt_hss_bearing")
+    )
+    words = "Four records, with the first two as baseline, the second of which is already diagnosed.\n"
+    return "\n".join([words, *table(("recorded", "condition index", "deviation", "component", "alarm"), rows)])
 
 
 def cost(given: argparse.Namespace) -> str:
     """Return what a fleet costs."""
-    text = ["| case | measured | target |", "|---|---|---|"]
-    text += [f"| {' | '.join(row)} |" for row in cost_rows(given.analyses, records=given.run_records)]
-    text.append(
-        f"\nThe load average of the last fifteen minutes was {os.getloadavg()[2]:.1f} on {os.cpu_count()} CPUs; this "
+    rows = table(("case", "measured", "target"), cost_rows(given.analyses, records=TIMED))
+    load = (
+        f"The load average of the last fifteen minutes was {os.getloadavg()[2]:.1f} on {os.cpu_count()} CPUs; this "
         "script adds up to 2. What exceeds the number of CPUs lengthens elapsed times in proportion."
     )
-    return "\n".join(text)
+    return "\n".join([*rows, load])
 
 
 def main() -> None:
@@ -333,10 +319,6 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=ROOT / "docs" / "benchmarks")
     parser.add_argument("--data", type=Path, default=os.environ.get("HUMS_REAL_DATA"))
     parser.add_argument("--only", choices=("alarms", "faults", "forecasts", "pronostia", "turbine", "cost"))
-    parser.add_argument("--machines", type=int, default=4_000)
-    parser.add_argument("--records", type=int, default=RECORDS, help="of the dataset, where it is made")
-    parser.add_argument("--forecasts", type=int, default=150)
-    parser.add_argument("--run-records", type=int, default=100, help="of the whole run that is timed")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_intermixed_args()
     page = given.folder / "fleet.md"
@@ -344,12 +326,12 @@ def main() -> None:
     intro, *there = text.split("\n## ")
     written = {section.partition("\n")[0]: section.partition("\n")[2].strip() for section in there}
     if given.only in (None, "alarms", "faults"):
-        found = analyses(given.analyses, workers=given.workers, records=given.records)
+        found = analyses(given.analyses, workers=given.workers)
         intro = INTRO.format(machines=MACHINES)
     sections: dict[str, tuple[str, Callable[[], str]]] = {
-        "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, found.healthy)),
-        "faults": ("Growing faults", lambda: growing_faults(given, found, found.healthy)),
-        "forecasts": ("Time until a limit", lambda: forecasts(given)),
+        "alarms": ("False alarms of healthy machines", lambda: false_alarms(found, found.healthy)),
+        "faults": ("Growing faults", lambda: growing_faults(found, found.healthy)),
+        "forecasts": ("Time until a limit", forecasts),
     }
     if given.data:
         sections |= {
@@ -359,7 +341,7 @@ def main() -> None:
     sections["cost"] = ("Cost", lambda: cost(given))
     for name, (title, make) in sections.items():
         if given.only in (None, name):
-            written[title] = make()
+            written[title] = make().strip()
     parts = [intro.strip(), *(f"## {title}\n\n{section}" for title, section in written.items())]
     page.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 

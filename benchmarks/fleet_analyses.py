@@ -110,9 +110,9 @@ class Analyses:
         return Resampled(healthy=self.values[those], states=self.states[those], machine=self.machine[those])
 
 
-def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
+def analyses(folder: Path, *, workers: int) -> Analyses:
     """Return the analyses in the folder; make what is missing."""
-    text = PLAN.format(records=records, machines=MACHINES, seed=1)
+    text = PLAN.format(records=RECORDS, machines=MACHINES, seed=1)
     for name, kind, component, size, least, most in SIZES:
         text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least, most=most)
     run = Serial() if workers == 1 else Processes(count=workers)
@@ -132,7 +132,7 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
         severity_mm=labels["severity_mm"].to_numpy().astype(np.float64),
         diagnosed=[one.diagnosed for one in seen],
         states=np.stack([labels[f"history.{name}"].to_numpy() for name in STATES], axis=1),
-        machine=np.arange(records) % MACHINES,  # they take turns
+        machine=np.arange(RECORDS) % MACHINES,  # they take turns
     )
 
 

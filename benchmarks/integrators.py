@@ -42,6 +42,7 @@ from gear_pair import (
 )
 from integrator_peers import DORMAND_PRINCE_8, RK4, Explicit, Pair, explicit, generalised_alpha
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 from scipy.integrate import odeint
 
 from data_synth.dynamics.system import Mesh, System
@@ -302,9 +303,9 @@ def energy_lines() -> list[str]:
     """Return the table of energies."""
     found = {f"splitting, {steps} per oscillation": energies(steps) for steps in (25, 50, 100, 200)}
     last, before = (found[f"splitting, {steps} per oscillation"][1] for steps in (200, 100))
-    rows = [f"| {name} | {early:.1e} | {late:.1e} | {trend:.1f} |" for name, (early, late, trend) in found.items()]
-    head = ["| method | 1,000 oscillations | 10,000 | slope |", "|---|---|---|---|"]
-    return ["", "## Energy", "", ENERGY_NOTE.format(power=np.log2(before / last)), "", *head, *rows]
+    rows = [(name, f"{early:.1e}", f"{late:.1e}", f"{trend:.1f}") for name, (early, late, trend) in found.items()]
+    head = ("method", "1,000 oscillations", "10,000", "slope")
+    return ["## Energy", "", ENERGY_NOTE.format(power=np.log2(before / last)), "", *table(head, rows)]
 
 
 def times(ratio: float) -> str:
@@ -312,26 +313,17 @@ def times(ratio: float) -> str:
     return f"{ratio:.4f} (1/{1 / ratio:.0f})" if ratio <= 1 else f"{ratio:.3g}"
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Measure, and write the table and the picture."""
     outcomes = {case.name: measure(case) for case in CASES}
     measured = {name: rows for name, (_, rows) in outcomes.items()}
     units = ", ".join(f"{unit:.2g}" for unit, _ in outcomes.values())
-    lines = ["# Integrators: time against error", ""]
-    lines += [NOTE.format(repeats=REPEATS, once=ONCE_S, units=units, slow=SLOW_S)]
+    note = NOTE.format(repeats=REPEATS, once=ONCE_S, units=units, slow=SLOW_S)
+    lines = ["# Integrators: time against error", "", note, ""]
     for case in CASES:
-        lines += [
-            "",
-            f"## {case.title}",
-            "",
-            "| method | setting | time | error |",
-            "|---|---|---|---|",
-        ]
-        lines += [f"| {m} | {s} | {times(t)} | {e:.1e} |" for m, s, t, e in measured[case.name]]
-    lines += energy_lines()
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "integrators.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
+        rows = ((*way, times(ratio), f"{error:.1e}") for *way, ratio, error in measured[case.name])
+        lines += [f"## {case.title}", "", *table(("method", "setting", "time", "error"), rows)]
+    write_page(folder / "integrators.md", [*lines, *energy_lines()])
     methods = list(dict.fromkeys(row[0] for rows in measured.values() for row in rows))
 
     marks = dict(zip((case.name for case in CASES), ("s--", "D-.", "o-", "^:"), strict=True))
@@ -350,9 +342,7 @@ def main(folder: Path) -> int:
         ax.legend(frameon=False, fontsize=7, loc="upper left", bbox_to_anchor=(1, 1))
 
     save_figure(draw, folder / "integrators.svg", width=8, height=4.2)
-    print("\n".join(lines))  # noqa: T201
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

@@ -4,13 +4,13 @@ Writes kinematic_fit.md into FOLDER (default docs/benchmarks).
 """
 
 import math
-import sys
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from page_files import folder_given, table, write_page
 
 from data_synth import Scene
 from data_synth.dynamics import solve_modes
@@ -127,7 +127,7 @@ def shown(values: list[float]) -> str:
     return f"{np.median(values):+.1f}, {min(values):+.1f} to {max(values):+.1f}" if values else "-"
 
 
-def rows() -> Iterator[str]:
+def rows() -> Iterator[list[str]]:
     """Yield the rows of the table."""
     columns: dict[str, dict[str, list[float]]] = {kind: {} for kind in KINDS}
     for pair, speed in product(PAIRS, SPEEDS):
@@ -138,19 +138,15 @@ def rows() -> Iterator[str]:
             columns[kind].setdefault(column, []).append(own[kind] - motion[kind])
             columns[kind].setdefault("declared", []).append(declared[kind] - motion[kind])
     for kind, found in columns.items():
-        cells = [shown(found.get(column, [])) for column in ("far", "near", "declared")]
-        yield f"| `{kind}` | {' | '.join(cells)} |"
+        yield [f"`{kind}`", *(shown(found.get(column, [])) for column in ("far", "near", "declared"))]
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Compare, and write the table."""
     head = ("fault", "far, dB", "near, dB", "declared, dB")
-    lines = ["# Gear faults: kinematic scenes and gear dynamics", "", NOTE, ""]
-    lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|", *rows()]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "kinematic_fit.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return 0
+    title = "# Gear faults: kinematic scenes and gear dynamics"
+    write_page(folder / "kinematic_fit.md", [title, "", NOTE, "", *table(head, rows())])
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs" / "benchmarks"))
+    main(folder_given())

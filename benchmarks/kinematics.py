@@ -7,7 +7,6 @@ at 10 links, medians of five, in one run.
 """
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from fractions import Fraction
@@ -17,6 +16,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
+from page_files import folder_given, table, write_page
 
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
@@ -89,24 +89,16 @@ def measure() -> list[tuple[int, str, float, float]]:
     return rows
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Measure, and write the table and the picture."""
     rows = measure()
     unit = next(seconds for links, name, seconds, _ in rows if (links, name) == (LINKS[0], "exact"))
-    lines = [
-        "# Kinematics: speed against error",
-        "",
-        NOTE,
-        "",
-        "| links | method | time | error |",
-        "|---|---|---|---|",
-    ]
-    lines += [f"| {links} | {name} | {seconds / unit:.3g} | {error:.1e} |" for links, name, seconds, error in rows]
+    cells = ((links, name, f"{seconds / unit:.3g}", f"{error:.1e}") for links, name, seconds, error in rows)
+    lines = ["# Kinematics: speed against error", "", NOTE, "", *table(("links", "method", "time", "error"), cells)]
     for name in METHODS:
         few, many = (next(s for links, m, s, _ in rows if (links, m) == (n, name)) for n in (100, 1000))
-        lines += ["", f"From 100 to 1,000 links, {name} takes {many / few:.3g} times as long."]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "kinematics.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        lines += [f"From 100 to 1,000 links, {name} takes {many / few:.3g} times as long.", ""]
+    write_page(folder / "kinematics.md", lines)
 
     def draw(ax: object) -> None:
         for name in METHODS:
@@ -116,9 +108,7 @@ def main(folder: Path) -> int:
         ax.legend(frameon=False)  # type: ignore[attr-defined]
 
     save_figure(draw, folder / "kinematics.svg", width=6, height=3.6)
-    print("\n".join(lines))  # noqa: T201
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

@@ -148,7 +148,7 @@ def resume(folder: Path, blocks: int) -> dict[str, object]:
 
 
 def _watched() -> list[hums.Analysis]:
-    box, angle = hums.load_gearbox(GEARBOX), hums.NominalSpeed(rpm=60 * TURN_HZ, shaft="input")
+    box = hums.load_gearbox(GEARBOX)
     angle = hums.NominalSpeed(rpm=60 * TURN_HZ, shaft=box.reference)
     records = [
         hums.make_record({"housing": samples(4000, seed)}, rate_hz=4000, units="g", angle=angle, machine="mill")
@@ -208,24 +208,24 @@ def _streamed(name: str, found: dict[str, object], blocks: int) -> str:
     return f"| {name} | {blocks:,} | {each} | {held} | {'yes' if found['equal'] else 'NO'} |"
 
 
-def main(folder: Path, kept: Path | None, *, count: int, blocks: int, watched_blocks: int) -> int:
+def main(folder: Path, kept: Path | None) -> int:
     """Write the page; return 1 where a stream that was stopped went on otherwise."""
-    sizes = [(size, 1) for size in (count // 25, count // 10, count // 3, count)]
+    sizes = [(size, 1) for size in (SAMPLES // 25, SAMPLES // 10, SAMPLES // 3, SAMPLES)]
     sizes += [(WIDE_SAMPLES, channels) for channels in CHANNELS]
     with tempfile.TemporaryDirectory() as scratch:
         there = Path(scratch)
         kept = kept or there / "kept"
         kept.mkdir(parents=True, exist_ok=True)
-        tracked = kept_or_made(kept, f"tracked {blocks}", lambda: part("track", there, blocks))
+        tracked = kept_or_made(kept, "tracked", lambda: part("track", there, BLOCKS))
         rows = [
             _analysed_row(kept_or_made(kept, f"{size[0]} {size[1]}", lambda size=size: _analysed(there, *size)), *size)
             for size in sizes
         ]
-        watched = kept_or_made(kept, f"watched {watched_blocks}", lambda: part("watch", there, watched_blocks))
+        watched = kept_or_made(kept, "watched", lambda: part("watch", there, WATCHED))
     page = PAGE.format(
         rate_hz=RATE_HZ, stream_rate_hz=STREAM_RATE_HZ, after=AFTER, state_kb=watched["state"] / 1000,
-        rows="\n".join(rows), tracked=_streamed("`OrderTracker`", tracked, blocks),
-        watched=_streamed("`hums.watch`", watched, watched_blocks),
+        rows="\n".join(rows), tracked=_streamed("`OrderTracker`", tracked, BLOCKS),
+        watched=_streamed("`hums.watch`", watched, WATCHED),
     )  # fmt: skip
     (folder / "long_records.md").write_text(page, encoding="utf-8")
     print(page)  # noqa: T201 - what the command is for
@@ -239,8 +239,5 @@ if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("folder", nargs="?", type=Path, default=Path("docs/benchmarks"))
     options.add_argument("--kept", type=Path)
-    options.add_argument("--samples", type=int, default=SAMPLES)
-    options.add_argument("--blocks", type=int, default=BLOCKS)
-    options.add_argument("--watched", type=int, default=WATCHED)
     given = options.parse_args()
-    sys.exit(main(given.folder, given.kept, count=given.samples, blocks=given.blocks, watched_blocks=given.watched))
+    sys.exit(main(given.folder, given.kept))

@@ -6,7 +6,6 @@ revolution. finufft joins in where it is installed.
 """
 
 import os
-import sys
 
 if __name__ == "__main__":  # the libraries read these once, when they are imported
     os.environ |= dict.fromkeys(
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 from scipy import fft
 from scipy.interpolate import CubicSpline
 from tracking.clock import seconds
@@ -217,20 +217,24 @@ def middle(values: Floats) -> Floats:
     return values[margin : values.size - margin]
 
 
-def measured(choice: Choice, record: Record, repeats: int) -> Row:
-    """Run one choice on every order."""
-    run = choice.prepare(record, SAMPLES_PER_REV)
-    errors = []
+def errors_of(choice: Choice, record: Record) -> tuple[list[float], list[float]]:
+    """Return the relative error at each of `ORDERS`, and what is left of tones that fold, in dB."""
+    run, errors = choice.prepare(record, SAMPLES_PER_REV), []
     for order in ORDERS:
         found = run(record.tone(order))
         truth = np.cos(2 * np.pi * order * np.arange(found.size) / SAMPLES_PER_REV)
         errors.append(float(np.std(middle(found - truth)) / np.std(middle(truth))))
     coarse = choice.prepare(record, COARSE)
-    left = [20 * np.log10(np.std(middle(coarse(record.tone(order)))) * np.sqrt(2)) for order in FOLDING]
-    x = record.tone(ORDERS[-1])
-    unit = UNIT.prepare(record, SAMPLES_PER_REV)
+    left = (np.std(middle(coarse(record.tone(order)))) for order in FOLDING)
+    return errors, [float(20 * np.log10(each * np.sqrt(2))) for each in left]
+
+
+def measured(choice: Choice, record: Record, repeats: int) -> Row:
+    """Run one choice on every order."""
+    errors, left = errors_of(choice, record)
+    run, unit, x = (*(each.prepare(record, SAMPLES_PER_REV) for each in (choice, UNIT)), record.tone(ORDERS[-1]))
     ratio = timed(lambda: run(x), lambda: unit(x), repeats)
-    return Row(choice=choice, time=ratio, errors=tuple(errors), left=tuple(float(level) for level in left))
+    return Row(choice=choice, time=ratio, errors=tuple(errors), left=tuple(left))
 
 
 def draw(rows: list[Row], ax: "Axes") -> None:
@@ -247,7 +251,7 @@ def draw(rows: list[Row], ax: "Axes") -> None:
     ax.text(0.01, 0.02, "dots from small to large: orders 1, 36, 200, 400", fontsize=6, transform=ax.transAxes)
 
 
-def main(folder: Path, *, samples: int = 1_000_000, repeats: int = 15) -> int:
+def main(folder: Path, *, samples: int = 1_000_000, repeats: int = 15) -> None:
     """Measure, and write the table and the picture."""
     record = Record.made(samples)
     rows = [measured(choice, record, repeats) for choice in choices()]
@@ -256,16 +260,13 @@ def main(folder: Path, *, samples: int = 1_000_000, repeats: int = 15) -> int:
     places = timed(lambda: placed(grid, record.samples), lambda: unit(x), repeats)
     heads = ["method", "time", *(f"order {order}" for order in ORDERS), *(f"left of {order}, dB" for order in FOLDING)]
     lines = ["# Resampling: time against error", "", NOTE.format(samples=samples, repeats=repeats, places=places)]
-    lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for row in rows:
-        cells = [row.choice.name, f"{row.time:.2f}", *(f"{e:.1e}" for e in row.errors), *(f"{d:.0f}" for d in row.left)]
-        lines.append(f"| {' | '.join(cells)} |")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "resampling.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    cells = (
+        (row.choice.name, f"{row.time:.2f}", *(f"{e:.1e}" for e in row.errors), *(f"{d:.0f}" for d in row.left))
+        for row in rows
+    )
+    write_page(folder / "resampling.md", [*lines, *table(heads, cells)])
     save_figure(lambda ax: draw(rows, ax), folder / "resampling.svg", width=7, height=4)
-    print("\n".join(lines))  # noqa: T201
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

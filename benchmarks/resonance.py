@@ -4,13 +4,13 @@ Writes resonance.md and resonance.svg into FOLDER (default docs/benchmarks). The
 without its fault; the truth is the generator's, which no tracker sees.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 
 from data_synth import load_scene, simulate
 from hums.plots import save_figure
@@ -45,7 +45,7 @@ quadratures within 1.96 of the tracker's standard deviations of the truth, nomin
 
 ![true and tracked amplitudes of three lines against speed](resonance.svg)
 """
-HEADER = "| estimator | poles | bandwidths, Hz | error | worst line | up | down | inside |\n" + "|---" * 8 + "|"
+HEADER = ("estimator", "poles", "bandwidths, Hz", "error", "worst line", "up", "down", "inside")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,7 +110,7 @@ def error(found: Complexes, true: Complexes) -> float:
     return float(np.sqrt(np.sum(np.abs(found - true) ** 2) / np.sum(np.abs(true) ** 2)))
 
 
-def row(made: Case, estimator: str, poles: int) -> str:
+def row(made: Case, estimator: str, poles: int) -> list[str]:
     """Return one row of the table."""
     widths, tracks, std = tracked(made, estimator, poles)
     found, true, std = tracks[:, made.inside], made.truth[:, made.inside], std[:, made.inside]
@@ -119,11 +119,8 @@ def row(made: Case, estimator: str, poles: int) -> str:
     near = np.mean([np.abs(part) < INSIDE * std for part in (difference.real, difference.imag)])
     worst = max(error(one, own) for one, own in zip(found, true, strict=True))
     halves = (error(found[:, part], true[:, part]) for part in (slice(0, middle), slice(middle, None)))
-    up, down = (f"{each:.4f}" for each in halves)
-    return (
-        f"| {estimator} | {poles} | {widths.min():.1f} to {widths.max():.1f} | {error(found, true):.4f} | {worst:.3f} "
-        f"| {up} | {down} | {near:.1%} |"
-    )
+    errors = f"{error(found, true):.4f}", f"{worst:.3f}", *(f"{each:.4f}" for each in halves)
+    return [estimator, str(poles), f"{widths.min():.1f} to {widths.max():.1f}", *errors, f"{near:.1%}"]
 
 
 def draw(ax: "Axes", made: Case) -> None:
@@ -141,7 +138,7 @@ def draw(ax: "Axes", made: Case) -> None:
     ax.legend(frameon=False, fontsize=8)
 
 
-def main(folder: Path, duration_s: float = DURATION_S) -> int:
+def main(folder: Path, duration_s: float = DURATION_S) -> None:
     """Track, and write the table and the picture."""
     made = case(duration_s)
     note = NOTE.format(
@@ -154,14 +151,10 @@ def main(folder: Path, duration_s: float = DURATION_S) -> int:
         every=EVERY,
         margin=MARGIN_S,
     )
-    lines = ["# Gears that pass through their resonances", "", note, HEADER]
-    lines += [row(made, estimator, poles) for estimator, poles in TRACKERS]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "resonance.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    rows = (row(made, estimator, poles) for estimator, poles in TRACKERS)
+    write_page(folder / "resonance.md", ["# Gears that pass through their resonances", "", note, *table(HEADER, rows)])
     save_figure(lambda ax: draw(ax, made), folder / "resonance.svg", width=7, height=4)
-    print("\n".join(lines))  # noqa: T201
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

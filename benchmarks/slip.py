@@ -5,13 +5,13 @@ lies one per cent lower and wanders; its amplitude changes; the noise of a sampl
 looks at the nominal order with one bandwidth after the other, the slip tracker with the narrowest of them.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 
 from hums.plots import save_figure
 from hums.plots.style import FAINT, INK, LINE, MARK
@@ -136,7 +136,7 @@ def _band(panel: "Axes", rev: Floats, value: Floats, std: Floats) -> None:
     panel.plot(rev, value, color=LINE, linewidth=1.2, label="slip tracker")
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Track, and write the table and the picture."""
     made = case()
     track = slipping(made)
@@ -149,22 +149,12 @@ def main(folder: Path) -> int:
         amplitude=np.mean(np.abs(np.abs(found) - np.abs(true)) < INSIDE * track.amplitude_std[0]),
         chance=f"{track.false_alarm_probability:.0e}",
     )
-    lines = [
-        "# A line that slips by a per cent",
-        "",
-        note,
-        "",
-        "| tracker | bandwidth, orders | error |",
-        "|---|---|---|",
-    ]
-    lines += [f"| plain | {width:g} | {error(plain(made, width), made.truth[::EVERY]):.2f} |" for width in BANDWIDTHS]
-    lines += [f"| slip | {BANDWIDTHS[0]:g} | {error(found, true):.2f} |"]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "slip.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    rows = [("plain", f"{each:g}", f"{error(plain(made, each), made.truth[::EVERY]):.2f}") for each in BANDWIDTHS]
+    rows.append(("slip", f"{BANDWIDTHS[0]:g}", f"{error(found, true):.2f}"))
+    lines = ["# A line that slips by a per cent", "", note, "", *table(("tracker", "bandwidth, orders", "error"), rows)]
+    write_page(folder / "slip.md", lines)
     save_figure(lambda ax: draw(ax, made, track), folder / "slip.svg", width=7, height=5)
-    print("\n".join(lines))  # noqa: T201
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

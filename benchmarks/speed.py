@@ -5,21 +5,21 @@ ours runs the usual first try, the tallest peak of each frame of a spectrogram w
 """
 
 import os
-import sys
 
 if __name__ == "__main__":  # the libraries read these once, when they are imported
     os.environ |= dict.fromkeys(
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
     )
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from board.speed_records import mode
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 from resampling import timed
-from scipy.signal import ShortTimeFFT, lfilter
+from scipy.signal import ShortTimeFFT
 
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_demodulation import refine_phase
@@ -78,17 +78,10 @@ class Record:
             for side in (-2, -1, 0, 1, 2):
                 height = size * (1.0 if side == 0 else rng.uniform(0.1, 0.4))
                 x += height * np.cos(2 * np.pi * (order + side) * turns + rng.uniform(0, 2 * np.pi))
-        x = x + sum(_mode(x, hz, damping) for hz, damping in MODES)
+        x = x + sum(mode(x, hz, damping, RATE_HZ) for hz, damping in MODES)
         noise = rng.standard_normal(t.size)
-        noise += _mode(noise, 1300.0, 0.05)
+        noise += mode(noise, 1300.0, 0.05, RATE_HZ)
         return np.asarray(x + noise * (x.std() / noise.std() * 10 ** (-self.snr_db / 20)))
-
-
-def _mode(x: Floats, hz: float, damping: float) -> Floats:
-    w = 2 * np.pi * hz / RATE_HZ
-    r = np.exp(-damping * w)
-    a = np.array([1, -2 * r * np.cos(w), r * r])
-    return np.asarray(lfilter([a.sum()], a, x))
 
 
 def ours(x: Floats) -> Answer:
@@ -131,14 +124,14 @@ def false_alarms() -> tuple[int, int]:
     for seed in range(100):
         noise = np.random.default_rng(seed).standard_normal(samples)
         counts[0] += ours(noise)[0] == "ok"
-        counts[1] += ours(noise + _mode(noise, 700, 0.03))[0] == "ok"
+        counts[1] += ours(noise + mode(noise, 700, 0.03, RATE_HZ))[0] == "ok"
     return counts[0], counts[1]
 
 
-def rows(record: Record) -> list[str]:
+def rows(record: Record) -> list[list[str]]:
     """Run all ways on one record; return lines of a table."""
     x = record.samples(seed=1)
-    ways: dict[str, Callable[[], Answer]] = {
+    ways = {
         "`estimate_speed`": lambda: ours(x),
         "`refine_phase` from 0.5 % off": lambda: refined(x, record),
         "tallest peak of a spectrogram": lambda: tallest_peak(x),
@@ -150,24 +143,22 @@ def rows(record: Record) -> list[str]:
         off = np.abs(speeds[shown] / record.speed_hz(times[shown]) - 1) * 100
         figures = [f"{np.median(off):.2g}", f"{np.quantile(off, 0.95):.2g}"] if off.size else ["-", "-"]
         took = timed(way, lambda: np.fft.rfft(x), REPEATS)
-        cells = [record.name, f"{record.snr_db:g} dB", name, status, *figures, f"{took:.2g}"]
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append([record.name, f"{record.snr_db:g} dB", name, status, *figures, f"{took:.2g}"])
     return lines
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(folder: Path) -> None:
     """Write the report."""
-    folder = Path(arguments[0]) if arguments else Path(__file__).parents[1] / "docs" / "benchmarks"
     laws: tuple[tuple[str, float, float, tuple[tuple[float, float], ...]], ...] = (
         ("run-up 10 to 40 Hz", 10.0, 1.5, ()),
         ("swing about 25 Hz", 25.0, 0.0, ((0.04, 0.3), (0.01, 1.1))),
         ("constant 25 Hz", 25.0, 0.0, ()),
     )
     head = ["record", "SNR", "method", "status", "median error, %", "95 of 100 within, %", "time"]
-    table = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
+    found: list[list[str]] = []
     for snr_db in (0.0, -8.0):
         for name, mean, slope, swings in laws:
-            table += rows(Record(name=name, mean_hz=mean, ramp_hz_s=slope, swings=swings, snr_db=snr_db))
+            found += rows(Record(name=name, mean_hz=mean, ramp_hz_s=slope, swings=swings, snr_db=snr_db))
     note = NOTE.format(
         seconds=DURATION_S,
         rate=RATE_HZ,
@@ -178,11 +169,8 @@ def main(arguments: Sequence[str]) -> int:
     )
     white, through_mode = false_alarms()
     alarms = f"False alarms: {white} of 100 in white noise, {through_mode} of 100 in noise with a mode."
-    text = ["# Speed without a tachometer", "", note, "", *table, "", alarms, ""]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "speed.md").write_text("\n".join(text), encoding="utf-8")
-    return 0
+    write_page(folder / "speed.md", ["# Speed without a tachometer", "", note, "", *table(head, found), alarms])
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(folder_given())

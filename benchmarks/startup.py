@@ -1,10 +1,8 @@
-"""How long the commands take, and how much memory: python benchmarks/startup.py [--against FOLDER] [FOLDER].
+"""How long the commands take, and how much memory: python benchmarks/startup.py [FOLDER].
 
-Writes startup.md into FOLDER (default docs/benchmarks), with `--against` beside the figures of another checkout of this
-project, measured turn by turn in the same run. Every figure is of processes of their own, one thread each.
+Writes startup.md into FOLDER (default docs/benchmarks). Every figure is of processes of their own, one thread each.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -20,10 +18,14 @@ from textwrap import wrap
 
 import numpy as np
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 
 Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
+REPEATS = 3  # of each figure
+PROCESSES, ROUNDS = 5, 9  # that analyse, and analyses in each whose ratio to the unit is taken
+SAMPLES = 20_000_000  # of the long record
 _KEPT_BYTES = 32_000_000  # just below the most by which glibc's allocator learns what it is to keep (mallopt(3))
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed program keeps its compiled modules
@@ -121,20 +123,6 @@ print(json.dumps({"save": 1e3 * min(taken)}))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effort:
-    """How much is measured: runs of each figure, samples of the long record, and whether the demo is run.
-
-    `processes` are those that analyse, `rounds` the analyses in each whose ratio to the unit is taken.
-    """
-
-    repeats: int = 3
-    processes: int = 5
-    rounds: int = 9
-    samples: int = 20_000_000
-    with_demo: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
 class Target:
     """A figure, its unit, and what it may be at most."""
 
@@ -228,26 +216,19 @@ class Checkout:
         return dict(json.loads(self.run("-c", code, *words)[1]))
 
 
-def first_demo(checkout: Checkout) -> dict[str, float]:
-    """Return the time of the demo before any kernel is compiled."""
-    return {"first demo": checkout.run("-m", "hums", "demo", "-o", "demo")[0]}
-
-
-def measure(checkout: Checkout, effort: Effort) -> dict[str, float]:
+def measure(checkout: Checkout) -> dict[str, float]:
     """Return all figures of one round but that of the first demo."""
-    found: dict[str, float] = {}
-    if effort.with_demo:
-        found["demo"] = checkout.run("-m", "hums", "demo", "-o", "demo")[0]
-        words = ("-m", "hums", "analyze", "demo/record.h5", "--gearbox", "two-stage", "-o", "analysis")
-        found["analyze"] = checkout.run(*words)[0]
+    found = {"demo": checkout.run("-m", "hums", "demo", "-o", "demo")[0]}
+    words = ("-m", "hums", "analyze", "demo/record.h5", "--gearbox", "two-stage", "-o", "analysis")
+    found["analyze"] = checkout.run(*words)[0]
     long = checkout.room / "long.h5"
     if not long.exists():
-        checkout.run("-c", LONG, str(long), str(effort.samples))
+        checkout.run("-c", LONG, str(long), str(SAMPLES))
     read = checkout.figures(MEMORY, str(long))
-    return found | read | {"bytes": read["memory"] * 1e6 / effort.samples} | checkout.figures(SAVING, "s.h5")
+    return found | read | {"bytes": read["memory"] * 1e6 / SAMPLES} | checkout.figures(SAVING, "s.h5")
 
 
-def measure_analyses(checkout: Checkout, effort: Effort) -> dict[str, float]:
+def measure_analyses(checkout: Checkout) -> dict[str, float]:
     """Return the cost of an analysis of the demo's record and of one twice as long, in a process of its own each."""
     million = checkout.room / "million.h5"
     if not million.exists():
@@ -256,77 +237,38 @@ def measure_analyses(checkout: Checkout, effort: Effort) -> dict[str, float]:
     return {
         f"{name} {setting}": ratio
         for name, (record, samples) in records.items()
-        for setting, ratio in checkout.ratios(record, samples, effort.rounds).items()
+        for setting, ratio in checkout.ratios(record, samples, ROUNDS).items()
     }
 
 
-def least(rounds: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Return the least of each figure."""
-    return {name: min(found[name] for found in rounds) for name in rounds[0]}
-
-
-def report(
-    found: Mapping[str, Mapping[str, float]], ratios: Mapping[str, Sequence[Mapping[str, float]]], effort: Effort
-) -> list[str]:
-    """Return the page: a row a figure, a column a checkout, the verdict on the first.
-
-    `ratios` are those of every process, of which the median is shown, and the least and the largest.
-    """
-    names = list(found)
-    analysis = OF_ANALYSIS.format(rounds=effort.rounds, processes=effort.processes) if effort.with_demo else ""
-    note = NOTE.format(repeats=effort.repeats, samples=effort.samples, analysis=analysis)
-    lines = ["# Start, run and memory", "", *wrap(note, 120), ""]
-    lines += ["| figure | at most | " + " | ".join(names) + " | reached |", "|---" * (len(names) + 3) + "|"]
+def report(found: Mapping[str, float], ratios: Sequence[Mapping[str, float]]) -> list[str]:
+    """Return the page, a row for each figure; of the ratios of every process the median, the least and the largest."""
+    analysis = OF_ANALYSIS.format(rounds=ROUNDS, processes=PROCESSES)
+    note, rows = NOTE.format(repeats=REPEATS, samples=SAMPLES, analysis=analysis), []
     for target in TARGETS:
-        shown, values = {}, {}
-        for name in names:
-            if target.figure in found[name]:
-                values[name] = found[name][target.figure]
-                shown[name] = f"{values[name]:.3g}"
-            elif each := [one[target.figure] for one in ratios[name] if target.figure in one]:
-                values[name] = median(each)
-                shown[name] = f"{values[name]:.0f} ({min(each):.0f} to {max(each):.0f})"
-        if not shown:
-            continue
-        reached = "yes" if values[names[0]] <= target.most else "**no**"
-        unit = f", {target.unit}" if target.unit else ""
-        lines.append(f"| {target.what}{unit} | {target.most:g} | {' | '.join(shown.values())} | {reached} |")
-    return lines
+        if target.figure in found:
+            value = found[target.figure]
+            shown = f"{value:.3g}"
+        else:
+            each = [one[target.figure] for one in ratios]
+            value = median(each)
+            shown = f"{value:.0f} ({min(each):.0f} to {max(each):.0f})"
+        what = f"{target.what}, {target.unit}" if target.unit else target.what
+        rows.append((what, f"{target.most:g}", shown, "yes" if value <= target.most else "**no**"))
+    head = ("figure", "at most", "measured", "reached")
+    return ["# Start, run and memory", "", *wrap(note, 120), "", *table(head, rows)]
 
 
-def main(folder: Path, *, against: Path | None = None, effort: Effort | None = None) -> int:
+def main(folder: Path) -> None:
     """Measure, and write the table."""
-    effort = effort or Effort()
     with TemporaryDirectory() as room:
-        checkouts = {"measured": ROOT} | ({"before": against.resolve()} if against else {})
-        places = {name: Checkout(root=root, room=Path(room) / name) for name, root in checkouts.items()}
-        rounds: dict[str, list[dict[str, float]]] = {name: [] for name in places}
-        ratios: dict[str, list[dict[str, float]]] = {name: [] for name in places}
-        first: dict[str, dict[str, float]] = {}
-        for name, checkout in places.items():
-            checkout.room.mkdir()
-            first[name] = first_demo(checkout) if effort.with_demo else {}
-        for _ in range(effort.repeats):
-            for name, checkout in places.items():
-                rounds[name].append(measure(checkout, effort))
-        for _ in range(effort.processes if effort.with_demo else 0):
-            for name, checkout in places.items():
-                ratios[name].append(measure_analyses(checkout, effort))
-    lines = report({name: first[name] | least(rounds[name]) for name in rounds}, ratios, effort)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "startup.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))  # noqa: T201
-    return 0
-
-
-def parsed(words: Sequence[str]) -> argparse.Namespace:
-    """Return what the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/benchmarks"))
-    parser.add_argument("--against", type=Path, help="another checkout of this project")
-    return parser.parse_args(words)
+        checkout = Checkout(root=ROOT, room=Path(room))
+        first = {"first demo": checkout.run("-m", "hums", "demo", "-o", "demo")[0]}
+        rounds = [measure(checkout) for _ in range(REPEATS)]
+        ratios = [measure_analyses(checkout) for _ in range(PROCESSES)]
+    least = {name: min(found[name] for found in rounds) for name in rounds[0]}
+    write_page(folder / "startup.md", report(first | least, ratios))
 
 
 if __name__ == "__main__":
-    given = parsed(sys.argv[1:])
-    sys.exit(main(given.folder, against=given.against))
+    main(folder_given())

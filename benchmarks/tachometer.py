@@ -7,12 +7,12 @@ curve included.
 """
 
 import statistics
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 from tracking import clock
 
@@ -116,23 +116,20 @@ def repair_times() -> tuple[float, float]:
     return clean / unit, median_seconds(lambda: shaft_phase(faulty)) / clean
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Measure, and write the table."""
     rows = measure()
     unit = next(seconds for kind, name, _, _, seconds in rows if (kind, name) == ("clean", "linear"))
-    head = " | ".join(f"RMS, order {order} | largest, order {order}" for order in ORDERS)
+    head = [name for order in ORDERS for name in (f"RMS, order {order}", f"largest, order {order}")]
     sound, faulty = repair_times()
     note = NOTE.format(pulses=LONG, sound=sound, faulty=faulty)
-    lines = ["# Tachometer: from pulses to angle", "", note, "", f"| pulses | method | {head} | time |"]
-    lines.append("|---|---|" + "---|" * (2 * len(ORDERS) + 1))
-    for kind, name, rms, largest, seconds in rows:
-        errors = " | ".join(f"{order * rms:.1e} | {order * largest:.1e}" for order in ORDERS)
-        lines.append(f"| {kind} | {name} | {errors} | {seconds / unit:.2g} |")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "tachometer.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))  # noqa: T201
-    return 0
+    cells = (
+        (kind, name, *(f"{order * each:.1e}" for order in ORDERS for each in (rms, largest)), f"{seconds / unit:.2g}")
+        for kind, name, rms, largest, seconds in rows
+    )
+    lines = ["# Tachometer: from pulses to angle", "", note, "", *table(("pulses", "method", *head, "time"), cells)]
+    write_page(folder / "tachometer.md", lines)
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

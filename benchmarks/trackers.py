@@ -7,7 +7,6 @@ scoreboard.
 """
 
 import os
-import sys
 
 if __name__ == "__main__":  # the libraries read these once, when they are imported
     os.environ |= dict.fromkeys(
@@ -17,6 +16,7 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
 from functools import partial
 from pathlib import Path
 
+from page_files import folder_given, write_page
 from tracking.channels import channels
 from tracking.clock import ONCE_S, SLOW_S, Effort
 from tracking.coverage import coverage
@@ -58,17 +58,13 @@ In rffts of a million samples. With growing numbers of orders, the record has {g
 {exact:,} for the exact estimators; coupled orders are one bandwidth apart."""
 
 
-def main(folder: Path, *, effort: Effort | None = None) -> int:
+def main(folder: Path, *, effort: Effort | None = None) -> None:
     """Measure, and write the tables and the picture."""
     effort = effort or Effort()
     settings = our_settings() + (peer_settings() if effort.with_peers else [])
     rows, refusals = measure(EVERYWHERE, settings, effort)
-    lines = _report(rows, refusals, effort)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "trackers.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    write_page(folder / "trackers.md", _report(rows, refusals, effort))
     save_figure(partial(draw, rows), folder / "trackers.svg", width=11, height=5.4, force=True)
-    print("\n".join(lines))  # noqa: T201
-    return 0
 
 
 def _report(rows: list[Row], refusals: list[str], effort: Effort) -> list[str]:
@@ -89,4 +85,4 @@ def _report(rows: list[Row], refusals: list[str], effort: Effort) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))
+    main(folder_given())

@@ -3,7 +3,6 @@
 Writes truth.md into FOLDER (default docs/benchmarks).
 """
 
-import sys
 import time
 import tomllib
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from page_files import folder_given, table, write_page
 
 from data_synth import Scene, load_plan, load_scene, simulate
 
@@ -34,10 +34,7 @@ Lines are to leave at most 0.3 % of a record, free vibration aside, and 3 % of a
 from 1 rpm, where teeth engage so slowly that the gears ring at orders above the highest line, or the speed changes
 within the revolutions that resolve neighbouring lines; and of `wijianto`, whose mesh follows time, so that its lines
 are at no order of a shaft."""
-HEADER = (
-    "| scene | lines | record, % | healthy, % | fault, % | stated: free, left, fault left, % | size | s |\n"
-    "|---|---|---|---|---|---|---|---|"
-)
+HEADER = ("scene", "lines", "record, %", "healthy, %", "fault, %", "stated: free, left, fault left, %", "size", "s")
 LEFT = ("truth_free", "truth_left", "truth_fault_left")
 KINDS = ("steady", "wander", "ramp", "step")
 LEAST, MOST = 0.4, 0.6  # severity of a medium fault
@@ -128,35 +125,36 @@ def explained(found: Array, signal: Array) -> float:
     return 100 * (1 - float(np.mean((signal - found) ** 2) / np.mean(signal**2)))
 
 
-def row(name: str, scene: Scene) -> str:
-    """Return one row of the table."""
-    channel, faulty = scene.sensors[0].name, plain(scene)
-    simulate(faulty.changed(duration_s=1.0), seed=SEED)  # compiles
-    begun = time.process_time()
-    record = simulate(faulty, seed=SEED, phases=True)
-    seconds = time.process_time() - begun
+def covered(scene: Scene) -> tuple[xr.Dataset, dict[str, float]]:
+    """Return the record of a plain scene, and what its lines explain of it, of its healthy one and of its fault, %."""
+    channel, record = scene.sensors[0].name, simulate(scene, seed=SEED, phases=True)
     signal, lines = record[channel].to_numpy(), rebuilt(record)
-    healthy = fault = "-"
+    found = {"record": explained(lines, signal)}
     if scene.faults:
-        sound = simulate(faulty.changed(faults=()), seed=SEED, phases=True)
+        sound = simulate(scene.changed(faults=()), seed=SEED, phases=True)
         reference, own = sound[channel].to_numpy(), rebuilt(sound)
-        healthy = f"{explained(own, reference):.2f}"
-        fault = f"{explained(lines - own, signal - reference):.2f}"
+        found |= {"healthy": explained(own, reference), "fault": explained(lines - own, signal - reference)}
+    return record, found | {"size": record["truth_amplitude"].nbytes / signal.nbytes}
+
+
+def row(name: str, scene: Scene) -> list[str]:
+    """Return one row of the table."""
+    clean = plain(scene)
+    simulate(clean.changed(duration_s=1.0), seed=SEED)  # compiles
+    begun = time.process_time()
+    simulate(clean, seed=SEED, phases=True)
+    seconds = time.process_time() - begun
+    record, found = covered(clean)
     stated = ", ".join(f"{100 * record[each].to_numpy()[0]:.2g}" for each in LEFT if each in record)
-    size = record["truth_amplitude"].nbytes / record[channel].nbytes
-    return (
-        f"| {name} | {record.sizes['truth_order']} | {explained(lines, signal):.2f} | {healthy} | {fault} "
-        f"| {stated or '-'} | {size:.2f} | {seconds:.1f} |"
-    )
+    shares = [f"{found[each]:.2f}" if each in found else "-" for each in ("record", "healthy", "fault")]
+    return [name, str(record.sizes["truth_order"]), *shares, stated or "-", f"{found['size']:.2f}", f"{seconds:.1f}"]
 
 
-def main(folder: Path) -> int:
+def main(folder: Path) -> None:
     """Measure every scene and write the page."""
-    rows = [row(name, scene) for name, scene in cases()]
-    page = "\n".join(["# Power covered by the ground truth", "", NOTE, "", HEADER, *rows, ""])
-    (folder / "truth.md").write_text(page, encoding="utf-8")
-    return 0
+    rows = (row(name, scene) for name, scene in cases())
+    write_page(folder / "truth.md", ["# Power covered by the ground truth", "", NOTE, "", *table(HEADER, rows)])
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/benchmarks")))
+    main(folder_given())

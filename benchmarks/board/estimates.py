@@ -16,8 +16,8 @@ from tracking.coverage import KINDS, SLIPPING_KINDS, cells, slipping_cells
 import hums
 from board.sections import Effort, Section, Task
 from board.table import Figure, Row, fixed, times
-from data_synth import load_scene, simulate
-from signals import angular_resample, track_orders
+from data_synth import load_scene
+from signals import track_orders
 
 TREE = Path(hums.__file__).resolve().parents[1]  # the working tree that is measured
 
@@ -135,25 +135,12 @@ COVERAGE = Section(
 # ---- resampling ------------------------------------------------------------------------------------------------------
 
 
-def resampled(samples: int) -> tuple[float, ...]:
+def resampled(samples: int) -> tuple[float, float, float]:
     """Return relative errors at orders 1 and 400, and what is left of a tone that would fold, relative."""
     import resampling  # noqa: PLC0415 - draws as well
 
-    record = resampling.Record.made(samples)
-
-    def run(order: float, per_rev: int) -> Floats:
-        found = angular_resample(
-            record.tone(order), rate_hz=resampling.RATE_HZ, phase=record.phase, samples_per_rev=per_rev, method="sinc"
-        )
-        return np.asarray(found.values)
-
-    errors = []
-    for order in (1, 400):
-        values = run(order, resampling.SAMPLES_PER_REV)
-        truth = np.cos(2 * np.pi * order * np.arange(values.size) / resampling.SAMPLES_PER_REV)
-        errors.append(float(np.std(resampling.middle(values - truth)) / np.std(resampling.middle(truth))))
-    left = np.std(resampling.middle(run(resampling.FOLDING[0], resampling.COARSE))) * np.sqrt(2)
-    return (*errors, float(left))
+    errors, left_db = resampling.errors_of(resampling.whole("sinc"), resampling.Record.made(samples))
+    return errors[0], errors[-1], 10 ** (left_db[0] / 20)
 
 
 RESAMPLING = Section(
@@ -242,14 +229,8 @@ def left_by_truth(motion: str, seconds: float) -> tuple[float, float, float]:
 
     rpm = [[0, 1200], [seconds, 1200 + RISE_RPM_S[motion] * seconds]]
     scene = load_scene("gears-in-motion").changed(speed={"link": "input", "rpm": rpm}, duration_s=seconds)
-    scene = truth.plain(scene)
-    records = [simulate(one, seed=1, phases=True) for one in (scene, scene.changed(faults=()))]
-    (signal, reference), (lines, own) = (
-        [record[scene.sensors[0].name].to_numpy() for record in records],
-        [truth.rebuilt(record) for record in records],
-    )
-    size = records[0]["truth_amplitude"].nbytes / signal.nbytes
-    return 100 - truth.explained(lines, signal), 100 - truth.explained(lines - own, signal - reference), size
+    _, found = truth.covered(truth.plain(scene))
+    return 100 - found["record"], 100 - found["fault"], found["size"]
 
 
 TRUTH = Section(

@@ -61,8 +61,9 @@ DRIVES: Mapping[str, Callable[[np.random.Generator, Floats], Floats]] = {
 }
 
 
-def _mode(x: Floats, hz: float, damping: float) -> Floats:
-    w, r = 2 * np.pi * hz / RATE_HZ, np.exp(-damping * 2 * np.pi * hz / RATE_HZ)
+def mode(x: Floats, hz: float, damping: float, rate_hz: float = RATE_HZ) -> Floats:
+    """Return a signal through a mode, of gain 1 at rest."""
+    w, r = 2 * np.pi * hz / rate_hz, np.exp(-damping * 2 * np.pi * hz / rate_hz)
     a = np.array([1, -2 * r * np.cos(w), r * r])
     return np.asarray(lfilter([a.sum()], a, x))
 
@@ -103,9 +104,9 @@ def made(gearbox: str, drive: str, seed: int) -> Record:  # noqa: C901 - a list 
         for harmonic in (1, 2, 3):
             add(shaft * harmonic, 10 ** rng.uniform(-2.3, -0.7) / harmonic)
     x = x * load
-    x = x + sum(_mode(x, rng.uniform(300, 3000), rng.uniform(0.02, 0.1)) for _ in range(2))
+    x = x + sum(mode(x, rng.uniform(300, 3000), rng.uniform(0.02, 0.1)) for _ in range(2))
     noise = rng.standard_normal(t.size)
-    noise = noise + rng.uniform(0, 1) * _mode(noise, rng.uniform(500, 3000), rng.uniform(0.03, 0.1))
+    noise = noise + rng.uniform(0, 1) * mode(noise, rng.uniform(500, 3000), rng.uniform(0.03, 0.1))
     x = x + noise * (x.std() / noise.std() * 10 ** (rng.uniform(-10, 15) / 20))
     if rng.random() < 0.5:  # noqa: PLR2004
         mains = rng.choice([50.0, 60.0])

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 from jobs import JobName, standard_job
+from page_files import table
 
 from signals.harmonics import track_orders
 from tracking.clock import Effort, time_in_ffts
 from tracking.settings import DECIMATED
-from tracking.tables import table
 
 
 def channels(effort: Effort) -> list[str]:

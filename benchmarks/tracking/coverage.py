@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from jobs import Floats
 from numpy.typing import NDArray
+from page_files import table
 
 from signals.harmonics import process_variance, track_orders, track_slipping_order
 
@@ -223,8 +224,6 @@ def lag(estimator: str, poles: int, modulation: float) -> float:
 
 def coverage(poles: Sequence[int], kinds: Sequence[str] = tuple(KINDS), records: int = RECORDS) -> list[str]:
     """Return the tables of the cells, of slips faster than declared, and of errors on modulations."""
-    from tracking.tables import table  # noqa: PLC0415 - with the peers, which the scoreboard does not need
-
     found = [cell for kind in kinds for cell in cells(kind, poles)]
     found += [cell for kind in SLIPPING_KINDS if kind in kinds for cell in slipping_cells(kind, records=records)]
     rows: dict[tuple[str, str, str], list[str]] = {}

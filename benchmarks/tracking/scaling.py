@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from jobs import RATE_HZ, SAMPLES_PER_REV, TEN_ORDERS, Floats
+from page_files import table
 
 from signals.harmonics import track_orders
 from tracking.clock import Effort, seconds, time_in_ffts
 from tracking.measuring import REFUSED
 from tracking.settings import DECIMATED
-from tracking.tables import table
 
 UNIT = 1_000_000  # samples of the rfft
 REPEATS = 5

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jobs import SAMPLES_PER_REV, Floats, Indices
 from numpy.typing import NDArray
+from page_files import table
 
 from signals.harmonics import track_orders, track_slipping_order
 from tracking.clock import Effort, time_in_ffts
 from tracking.settings import DECIMATED
-from tracking.tables import table
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,17 +1,12 @@
-"""Tables in Markdown."""
+"""The table of one job."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from page_files import table
 
 from tracking.measuring import Row
 from tracking.settings import OWN_BANDWIDTHS
-
-
-def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
-    """Return a table in Markdown with an empty line after it."""
-    rows = [head, ["---"] * len(head), *lines]
-    return ["| " + " | ".join(row) + " |" for row in rows] + [""]
 
 
 def job_table(rows: Sequence[Row]) -> list[str]:

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
+from page_files import table
+
 from tracking.measuring import Row, only
 from tracking.settings import DECIMATED
-from tracking.tables import table
 
 SMOOTHER = {"estimator": "smoother", "poles": 2, "outputs": f"every {DECIMATED}"}
 FILTER = {"estimator": "filter", "poles": 1, "outputs": "all"}

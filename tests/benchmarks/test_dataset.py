@@ -21,18 +21,6 @@ def test_classes_apart_are_told_apart_and_the_others_guessed(rows):
     assert np.mean(guess[~apart] == classes[~apart]) < 0.4  # nine classes of one distribution
 
 
-def test_a_heavy_penalty_leaves_equal_odds(rows):
-    x, classes = rows
-    weights = dataset.fitted(x, classes, penalty=1e6)
-    assert np.abs(weights[:-1]).max() < 1e-3
-    assert np.ptp(weights[-1]) < 1e-2  # classes are weighted equally
-
-
-def test_balanced_accuracy_is_the_mean_recall():
-    true, guess = np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 0, 1, 1, 0])
-    assert dataset.balanced_accuracy(true, guess) == pytest.approx((3 / 4 + 1 / 2) / 2)
-
-
 def test_missing_features_are_medians_of_training():
     table = pd.DataFrame({"a": [1.0, 3.0, np.nan, 100.0], "b": [np.nan] * 4, "c": [1.0] * 4})
     x = dataset.standardised(table, np.array([True, True, False, False]))

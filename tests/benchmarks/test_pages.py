@@ -1,4 +1,4 @@
-"""The code of three pages runs as printed; its results make their tables and pictures."""
+"""The code of two pages runs as printed; its results make their tables and pictures."""
 
 import re
 
@@ -21,13 +21,8 @@ def dynamics():
     return pages.run(pages.DOCS / "dynamics.md")
 
 
-def test_the_paper_s_figures_are_drawn(tmp_path):
-    pages.draw_wijianto(tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 50_000
-
-
-def test_the_code_of_pages_that_assert_their_numbers_runs():
-    assert all(pages.run(page) for page in (pages.DOCS / "wijianto.md", pages.TABLES[1]))
+def test_the_code_of_the_page_on_physics_runs_and_meets_its_numbers():
+    assert pages.run(pages.TABLES[1])  # which asserts them; pages outside of docs/benchmarks run when they are built
 
 
 def test_known_numbers_are_met(dynamics):

@@ -138,31 +138,19 @@ def test_a_hat_by_matrix_exponentials():
     assert_allclose(found[1:, 1][beside_jumps], points[beside_jumps], rtol=5e-8)
 
 
-@pytest.mark.parametrize(
-    ("stiffness", "error", "tolerances"),
-    [
-        # fourth order, down to the fine sum's own 3e-7
-        (gear_pair.ten_harmonics(), None, {1: 4e-6, 2: 5e-7}),
-        # jumps: the fine sum is off by half a point of it where one falls between two
-        (gear_pair.rectangle(), None, {1: 2.5e-4, 3: 2.5e-4}),
-        (gear_pair.rectangle(), JUMPING, {1: 2.5e-4, 3: 2.5e-4}),
-    ],
-)
-def test_a_hat_weighs_the_force_of_two_samples(stiffness, error, tolerances):
-    problem = gear_pair.driven(gear_pair.pair(stiffness, error=error), duration_s=0.01)
+def test_a_hat_weighs_the_force_of_two_samples_where_errors_jump():
+    problem = gear_pair.driven(gear_pair.pair(gear_pair.rectangle(), error=JUMPING), duration_s=0.01)
     fine, rate = 400, 20_000
-    dense = integrate(
-        problem,
-        output=Output(rate_hz=fine * rate, mesh_force=np.ones((1, 1))),
-        steps=1,
-    ).values[:, 0]
+    read = Output(rate_hz=fine * rate, mesh_force=np.ones((1, 1)))
+    dense = integrate(problem, output=read, steps=1).values[:, 0]
     hat = (1 - np.abs(np.arange(-fine, fine + 1)) / fine) / fine
     middles = np.arange(fine, dense.size - fine, fine)
     expected = np.array([hat @ dense[at - fine : at + fine + 1] for at in middles])
-    for steps, tolerance in tolerances.items():
-        output = Output(rate_hz=rate, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
+    output = Output(rate_hz=rate, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
+    for steps in (1, 3):
         found = integrate(problem, output=output, steps=steps).values
-        assert np.std(found[2:, 0] - expected) < tolerance * np.std(expected)
+        # the fine sum is off by half a point of it where a jump falls between two
+        assert np.std(found[2:, 0] - expected) < 2.5e-4 * np.std(expected)
         # before the start, nothing pressed; the force at samples is that of the fine run, to the error of the steps
         assert found[0, 0] == 0
         assert np.std(found[:, 1] - dense[::fine]) < 2e-4 * np.std(dense)
