@@ -235,8 +235,10 @@ def assert_turn_is(track, turn, *, atol):
     assert_allclose(track.complex_amplitude, np.broadcast_to(truth[:, None], track.complex_amplitude.shape), atol=atol)
 
 
-@pytest.mark.parametrize(("start", "way"), [(0.0, 1), (1234.5, -1), (-777.0, 1)])
-@pytest.mark.parametrize(("harmonics", "every"), [(1, None), (1, 7), (1, 1000), (3, None)])
+@pytest.mark.parametrize(
+    ("start", "way", "harmonics", "every"),
+    [(0.0, 1, 1, None), (1234.5, -1, 1, 7), (-777.0, 1, 1, 1000), (1234.5, -1, 3, None)],
+)
 def test_the_slipped_phase_is_the_true_turn_of_the_line(start, way, harmonics, every):
     samples_per_rev = 64
     phase = start + way * 2 * np.pi * np.arange(200 * samples_per_rev) / samples_per_rev
