@@ -1,4 +1,4 @@
-"""The complete solver: imposed speeds, axes that cannot mesh, both formulations side by side."""
+"""The complete solver: imposed speeds, axes that cannot mesh, and planets that do not fit."""
 
 from fractions import Fraction
 
@@ -163,6 +163,3 @@ class TestPlanetsThatDoNotFit:
         Gearbox.from_mapping(self.coaxial(60, 20, 60))
         # 3 (21 + 39) = 2 (51 + 39): two gears of the planet, cut with two modules
         Gearbox.from_mapping(self.coaxial(21, 39, 51, modules=(3, 2)))
-
-
-# ---- random coplanar mechanisms: joint rates against the complex null space ---------------------------------------

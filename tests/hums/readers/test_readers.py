@@ -528,6 +528,3 @@ def test_files_that_are_not_there(tmp_path, suffix):
 def test_a_wrong_suffix(tmp_path, suffix):
     (tmp_path / f"data{suffix}").write_bytes(b"time,acc\n0,1\n" * 50)
     assert f"data{suffix} is no" in refusal(tmp_path / f"data{suffix}")
-
-
-# ---- measured records --------------------------------------------------------------------------------------

@@ -42,10 +42,6 @@ class TestAverage:
         assert average.standard_error.mean() == pytest.approx(0.15, rel=4 / np.sqrt(800 * 256) + 1 / 400)
 
 
-def pieces(values, cuts):
-    return np.split(values, sorted(cuts))
-
-
 class TestOtherShafts:
     def test_a_shaft_whose_revolution_is_whole_samples_is_averaged_as_it_is(self):
         # 256 samples to the reference, 8/3 turns to one of it: 96 to the shaft
