@@ -91,7 +91,7 @@ def time_until(limit: float, values: Array, times: Array, *, seed: int = 1) -> T
     constant += std * np.sqrt(fit.constant_variance[model, 0]) * normal[1]
     rate, onset, drift, walk = _RATE[course], _ONSET[course], errors.drift[model], errors.walk[model]
     left = y - constant[:, None] - slope[:, None] * _course(place, rate[:, None], onset[:, None])
-    wandered = np.einsum("pi,pij,pj->p", walk, errors.whiten[model], left)  # conditional mean of the walk at the end
+    wandered = ((errors.walk[:, None] @ errors.whiten)[model, 0] * left).sum(axis=1)  # mean of the walk at the end
     wandered += std * np.sqrt(np.maximum(drift**2 - (walk**2).sum(axis=1), 0)) * normal[2]
     if (constant + slope + wandered >= limit).mean() > 0.5:  # noqa: PLR2004
         return TimeUntil(reason="the limit is reached already")
