@@ -7,7 +7,7 @@ from fractions import Fraction as F  # noqa: N817
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hums.gearbox.defect_orders import defect_orders
@@ -104,6 +104,7 @@ class TestCollisions:
         revolutions=st.integers(1, 400),
         exact=st.booleans(),
     )
+    @settings(max_examples=40)
     def test_against_all_pairs(self, orders, revolutions, exact):
         table = table_of(*((str(rank), order if exact else float(order)) for rank, order in enumerate(orders)))
         found = collisions(table, revolutions=revolutions)

@@ -172,7 +172,7 @@ def paper_loses_nothing(browser, page):
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (Debian: apt-get install chromium)")
 def test_a_summary_of_six_channels_and_forty_checks_is_printed_on_four_pages(tmp_path):
-    scene = load_scene("turbine")
+    scene = load_scene("turbine").changed(duration_s=2.0)
     analysis = analyze(simulate(scene, seed=0), scene.gearbox)
     path = write_pdf(write_report(analysis, tmp_path))
     assert len(PdfReader(path).pages) <= 4
