@@ -212,7 +212,7 @@ TEETH, SEQUENCES = signals.PlanetaryTeeth(ring=82, planet=31, sun=20, planets=3)
 PASS_WINDOWS = {
     **{f"rectangular, {n}": signals.PassWindow.rectangular(n) for n in (1, 5, 15)},
     **{f"Hann, {n}": signals.PassWindow.hann(n) for n in (2, 5, 10, 20)},
-    **{f"Tukey, {n} with tapers of {n / 5:g}": signals.PassWindow(width_teeth=n, taper_teeth=n / 5) for n in (5, 10)},
+    **{f"Tukey, {n} with tapers of {n / 5:g}": signals.PassWindow.tukey(n, taper_teeth=n / 5) for n in (5, 10)},
 }
 
 

@@ -282,6 +282,8 @@ def _channel(sensor: Sensor, values: Array) -> Channel:
         units=sensor.channel_units,
         sensor=f"on {sensor.on}",
         direction=sensor.direction,
+        sensitivity=sensor.sensitivity.value if sensor.sensitivity is not None else None,
+        measures=sensor.units if sensor.sensitivity is not None else None,
     )
 
 

@@ -45,6 +45,7 @@ from hums.records.dataset_store import open_dataset as open_dataset
 from hums.records.fields import RecordError as RecordError
 from hums.records.quantities import AngularAverage as AngularAverage
 from hums.records.quantities import Measured as Measured
+from hums.records.quantities import calibrated as calibrated
 from hums.records.record import Channel as Channel
 from hums.records.record import NominalSpeed as NominalSpeed
 from hums.records.record import PulseTimes as PulseTimes

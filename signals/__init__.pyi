@@ -1,4 +1,5 @@
 from signals.angle.averaging import CombAdvice as CombAdvice
+from signals.angle.averaging import RunningAverage as RunningAverage
 from signals.angle.averaging import SynchronousAverage as SynchronousAverage
 from signals.angle.averaging import comb_gain as comb_gain
 from signals.angle.averaging import quietest_revolutions as quietest_revolutions
@@ -39,6 +40,7 @@ from signals.health import SensorHealth as SensorHealth
 from signals.health import sensor_health as sensor_health
 from signals.indicators import INDICATORS as INDICATORS
 from signals.indicators import VarianceHistory as VarianceHistory
+from signals.resampling.angular_stream import AngularStream as AngularStream
 from signals.resampling.resampling import AngularSignal as AngularSignal
 from signals.resampling.resampling import TimeSignal as TimeSignal
 from signals.resampling.resampling import angular_resample as angular_resample

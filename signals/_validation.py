@@ -345,13 +345,15 @@ def _words(kind: str) -> str:
 Missing = Literal["refuse", "mark"]
 
 
-def samples(x: ArrayLike, *, missing: Missing, minimum: int = 0, rate_hz: float = 1.0, start_s: float = 0.0) -> Samples:
-    """Return the samples of a record; refuse values that are not finite, or mark them as NaN."""
+def samples(
+    x: ArrayLike, *, missing: Missing, minimum: int = 0, rate_hz: float = 1.0, start_s: float = 0.0, first: int = 0
+) -> Samples:
+    """Return a block of a record starting at index `first`; refuse values that are not finite, or mark them as NaN."""
     choice(missing, name="missing", choices=get_args(Missing))
     vector = real_samples(x, name="the signal", minimum=minimum, finite=False)
     bad = np.flatnonzero(~np.isfinite(vector))
     if bad.size and missing == "refuse":
-        index = int(bad[0])
+        index = first + int(bad[0])
         raise ValueError(
             f"the signal has {bad.size} values that are not finite, the first at index {index} "
             f"({start_s + index / rate_hz:.6g} s); repair or leave out that part of the record, or give "

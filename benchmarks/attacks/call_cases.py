@@ -126,7 +126,15 @@ def part_cases() -> Iterator[Case]:
     yield Case(
         _called(channel, "Channel"),
         {"values": x, "units": "V"},
-        {"rate_hz": 500.0, "sensor": "S 1", "direction": [1.0, 0.0, 0.0]},
+        {
+            "rate_hz": 500.0,
+            "sensitivity": 0.1,
+            "measures": "g",
+            "calibration_factor": 1.1,
+            "delay_s": 1e-3,
+            "sensor": "S 1",
+            "direction": [1.0, 0.0, 0.0],
+        },
     )
     yield Case(
         _called(angle_of(hums.PulseTimes), "PulseTimes"),

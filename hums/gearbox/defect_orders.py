@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from hums.gearbox.mechanism import Contact
 
 
-BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 KINDS = (
     "shaft",
     "gear_mesh",
@@ -39,9 +38,13 @@ KINDS = (
     "planet_tooth",
     "hunting_tooth",
     "assembly_phase",
-    *BEARING_KINDS,
+    "inner_race",
+    "outer_race",
+    "rolling_element",
+    "cage",
 )
 COLUMNS = ("component", "kind", "order", "exact", "sources", "seen_from", "sidebands")
+BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 
 
 @dataclass(frozen=True, kw_only=True)

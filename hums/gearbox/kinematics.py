@@ -16,7 +16,7 @@ J. Penaud, D. Alazard and A. Amiez, Kinematic analysis of spatial geared mechani
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -82,11 +82,6 @@ class Kinematics:
     def contacts(self) -> tuple[Contact, ...]:
         """Every mesh, copies expanded."""
         return self.mechanism.contacts
-
-    @property
-    def gear_pairs(self) -> tuple[Contact, ...]:
-        """The contacts of two gears, which constrain speeds and transmit loads."""
-        return tuple(contact for contact in self.contacts if len(contact.gears) > 1)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -347,7 +342,9 @@ class Kinematics:
         """
         self._require_plane()
         terms: list[Mapping[str, complex]] = [{self.gearbox.frame: 1.0}]
-        for contact in self.gear_pairs:
+        for contact in self.contacts:
+            if len(contact.gears) == 1:
+                continue
             weights = self._mesh_weights(contact)
             row = {link: weight for (link, _), weight in zip(contact.gears, weights, strict=True)}
             row[contact.carrier] = row.get(contact.carrier, 0) - sum(weights)
@@ -439,7 +436,12 @@ class Kinematics:
 
 
 @checked
-def solve_kinematics(gearbox: Gearbox) -> Kinematics:
+def solve_kinematics(
+    gearbox: Gearbox,
+    *,
+    fixed: Iterable[str] = (),
+    constraints: Iterable[Mapping[str, float | Fraction]] = (),
+) -> Kinematics:
     """Solve the kinematics of a gearbox for the ratios of all its speeds.
 
     Each mesh between gears i and j on carrier k is an equation ``Z_i (w_i - w_k) + Z_j (w_j - w_k) = 0`` (Willis),
@@ -449,6 +451,11 @@ def solve_kinematics(gearbox: Gearbox) -> Kinematics:
     ----------
     gearbox : Gearbox
         From `load_gearbox` or `from_adjacency_table`.
+    fixed : iterable of str
+        Links held at rest, in addition to the frame.
+    constraints : iterable of mappings of str to float or Fraction
+        Linear relations between speeds, each a factor by link: the speeds of the links along their own axes times these
+        factors sum to zero.
 
     Returns
     -------
@@ -468,9 +475,10 @@ def solve_kinematics(gearbox: Gearbox) -> Kinematics:
     >>> print(kinematics.relative_speed("carrier", seen_from="housing"))  # 27 / (27 + 99)
     3/14
     """
+    fixed, constraints = tuple(fixed), tuple(constraints)
     unsolved = Kinematics(build_mechanism(gearbox), {})
     _check_bearings(unsolved)
-    rows = _equations(unsolved)
+    rows = _equations(unsolved, fixed, constraints)
     position = {body: number for number, body in enumerate(unsolved.joints)}
     pivots: dict[str, Rates] = {}
     users: dict[str, set[str]] = {}
@@ -483,11 +491,11 @@ def solve_kinematics(gearbox: Gearbox) -> Kinematics:
     locked = [
         body for body, form in pivots.items() if not form and solved.joints[body].carried_by == solved.mechanism.frame
     ]
-    if solved.dof == 0 or locked:
+    if solved.dof == 0 or (locked and not (fixed or constraints)):
         what = f'gearbox "{gearbox.name}"' if solved.dof == 0 else f'gearbox "{gearbox.name}": "{locked[0]}"'
         raise GearboxError(
             f"{what} cannot move: it is locked by {_locking_equations(rows)}. Check the signs of the teeth "
-            "(minus: internal gear) and the rigid links; make a link at rest rigid with the frame."
+            "(minus: internal gear), the rigid and the fixed links; make a link at rest rigid with the frame."
         )
     return solved
 
@@ -506,7 +514,8 @@ def redundant_meshes(kinematics: Kinematics) -> list[str]:
     """
     pivots: dict[str, Rates] = {}
     found: dict[str, list[str]] = {}
-    for contact, row in _equations(kinematics):
+    pairs = [contact for contact in kinematics.contacts if len(contact.gears) > 1]
+    for contact, (_, row) in zip(pairs, _equations(kinematics, (), ()), strict=True):
         residual = reduced(row, pivots)
         if residual:
             add_pivot(pivots, residual, next(iter(residual)))
@@ -537,23 +546,30 @@ def _check_bearings(unsolved: Kinematics) -> None:
             )
 
 
-def _equations(unsolved: Kinematics) -> list[tuple[Contact, Rates]]:
-    """Return the equation ``form = 0`` of each gear pair, in the joint rates."""
-    rows = []
-    for contact in unsolved.gear_pairs:
+def _equations(
+    unsolved: Kinematics, fixed: Iterable[str], constraints: Iterable[Mapping[str, float | Fraction]]
+) -> list[tuple[str, Rates]]:
+    """Return the equations ``form = 0`` in the joint rates, each with the name of its mesh or constraint."""
+
+    def combined(weights: Iterable[tuple[str, float | Fraction]], seen_from: str | None = None) -> Rates:
         form: Rates = {}
-        for link, teeth in contact.gears:
-            spin = unsolved.spin(link, seen_from=contact.carrier)
-            add(form, {body: teeth * factor for body, factor in spin.items()})
-        rows.append((contact, form))
+        for link, weight in weights:
+            spin = unsolved.spin(link, seen_from=seen_from)
+            add(form, {body: Fraction(weight) * factor for body, factor in spin.items()})
+        return form
+
+    pairs = (contact for contact in unsolved.contacts if len(contact.gears) > 1)
+    rows = [(f'mesh "{contact.mesh}"', combined(contact.gears, contact.carrier)) for contact in pairs]
+    rows += [(f'fixed "{link}"', unsolved.spin(link)) for link in fixed]
+    rows += [(f"constraint {number}", combined(given.items())) for number, given in enumerate(constraints, 1)]
     return rows
 
 
-def _locking_equations(rows: Sequence[tuple[Contact, Rates]]) -> str:
-    """Return the names of the smallest set of meshes that holds a body at rest.
+def _locking_equations(rows: Sequence[tuple[str, Rates]]) -> str:
+    """Return the names of the smallest set of equations that holds a body at rest.
 
-    Every mesh gets its own slack variable. A body whose rate is a combination of slack variables only is held by their
-    meshes.
+    Every equation gets its own slack variable. A body whose rate is a combination of slack variables only is held by
+    their equations.
     """
     pivots: dict[str, Rates] = {}
     for number, (_, row) in enumerate(rows):
@@ -562,7 +578,7 @@ def _locking_equations(rows: Sequence[tuple[Contact, Rates]]) -> str:
         if body is not None:
             add_pivot(pivots, residual, body)
     locked = min((form for form in pivots.values() if all(map(_is_imposed, form))), key=len)
-    return ", ".join(dict.fromkeys(f'mesh "{rows[int(key.removeprefix(_IMPOSED))][0].mesh}"' for key in locked))
+    return ", ".join(dict.fromkeys(rows[int(key.removeprefix(_IMPOSED))][0] for key in locked))
 
 
 # ---- symbols of imposed speeds in linear forms -----------------------------------------------------------------

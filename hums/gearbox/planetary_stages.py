@@ -65,8 +65,8 @@ def planetary_stages(kinematics: Kinematics) -> list[PlanetaryStage]:
             continue
         rings: _Meshes = {}
         suns: _Meshes = {}
-        for contact in kinematics.gear_pairs:
-            if contact.carrier != carrier:
+        for contact in kinematics.contacts:
+            if contact.carrier != carrier or len(contact.gears) != 2:  # noqa: PLR2004
                 continue
             planet = next((gear for gear in contact.gears if _carrier_of(kinematics, gear[0]) == carrier), None)
             mate = next((gear for gear in contact.gears if gear is not planet), None)

@@ -77,7 +77,7 @@ class Statics:
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts of two gears; those whose mate is unknown transmit no load."""
-        return self.kinematics.gear_pairs
+        return gear_pairs(self.kinematics)
 
     @cached_property
     def relative_speeds(self) -> tuple[Fraction, ...]:
@@ -176,6 +176,10 @@ class Solution:
         """Return the factors of the tooth load on the two gears of a contact."""
         return self.statics.load_factors(number, self.drivers[number])
 
+    def generalized_torque(self, number: int) -> Form:
+        """Return the torque of a unit tooth load on each turning pair."""
+        return self.statics.generalized_torque(number, self.drivers[number])
+
     def driving_gears(self) -> Drivers:
         """Return the driving gear of each contact that loses power, None for the others."""
         statics = self.statics
@@ -189,6 +193,11 @@ class Solution:
                 )
             found.append(self.driving(number) if loses else None)
         return tuple(found)
+
+
+def gear_pairs(kinematics: Kinematics) -> tuple[Contact, ...]:
+    """Return the contacts of two gears, which can transmit a load."""
+    return tuple(contact for contact in kinematics.contacts if len(contact.gears) == 2)  # noqa: PLR2004
 
 
 def is_balanced(total: Fraction, largest: Fraction) -> bool:

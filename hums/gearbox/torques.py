@@ -5,7 +5,7 @@
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -13,7 +13,7 @@ from hums.gearbox.components import Vector, closest
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.model import GearboxError
 from hums.gearbox.rational import ZERO
-from hums.gearbox.statics import Solution, Statics, TorqueError, solve_equilibrium
+from hums.gearbox.statics import Solution, Statics, TorqueError, gear_pairs, solve_equilibrium
 from hums.gearbox.tooth_forces import BearingLoad, ToothForces, bearing_loads, tooth_forces
 from signals._validation import brief, checked, is_float
 
@@ -58,6 +58,9 @@ class ToothLoad:
     gearing_power_w : float
         Power in W from the first gear to the second, relative to the carrier, at the driving gear. The loss of a mesh
         is a fraction of it.
+    absolute_power_w : float or None
+        The same power in W relative to the frame, at the gear that rotates about the carrier's axis. None if there is
+        no such gear (between planets), or the axis of the carrier itself moves, so that it depends on position.
     driver : str or None
         The driving gear relative to the carrier; None if no power flows.
     loss_w : float
@@ -73,9 +76,35 @@ class ToothLoad:
     torques_nm: tuple[float, float]
     carrier_torque_nm: Vector
     gearing_power_w: float
+    absolute_power_w: float | None
     driver: str | None
     loss_w: float
     forces: ToothForces | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Branch:
+    """A power branch: meshes that act together on a link whose axis is fixed in the frame.
+
+    A gear has one branch per mesh, a carrier one per set of planets, with all copies together. The torques of a link's
+    branches and its external torque sum to zero.
+
+    Attributes
+    ----------
+    link : str
+        Link on which the meshes act.
+    through : tuple of str
+        Names of the meshes.
+    torque_nm : float
+        Torque on the link in N m.
+    power_w : float
+        Power in W, positive into the link.
+    """
+
+    link: str
+    through: tuple[str, ...]
+    torque_nm: float
+    power_w: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,12 +119,19 @@ class Torques:
         Torque that holds the frame, the reaction to all external torques, in N m in the declared coordinates.
     tooth_loads : tuple of ToothLoad
         One per contact of two gears.
+    branches : tuple of Branch
+        Torque and power of the meshes on each link whose axis is fixed in the frame.
     bearing_loads : tuple of BearingLoad
         One per declared bearing, in the order of declaration.
     input_power_w, output_power_w : float
         Sum of the powers into and out of the gearbox in W.
     efficiency : float or None
         Output over input power; None if no power flows in, 0 if every link drives (self-locking).
+    circulating_ratio : float or None
+        Power of the largest branch over the input power: 1 for a single path, below 1 for split power, above 1 for
+        circulating power. None without input power or with an indeterminate load.
+    gearing_ratio : float or None
+        Largest power of a mesh relative to its carrier, with all its copies, over the input power. None as above.
     indeterminate : tuple of str
         Names of the meshes whose loads statics does not determine.
 
@@ -111,10 +147,13 @@ class Torques:
     external: tuple[ExternalTorque, ...]
     frame_torque_nm: Vector
     tooth_loads: tuple[ToothLoad, ...]
+    branches: tuple[Branch, ...]
     bearing_loads: tuple[BearingLoad, ...]
     input_power_w: float
     output_power_w: float
     efficiency: float | None
+    circulating_ratio: float | None
+    gearing_ratio: float | None
     indeterminate: tuple[str, ...]
 
     @property
@@ -154,10 +193,11 @@ class Torques:
         return found
 
 
-# ---- Power flow through each contact ---------------------------------------------------------------------------------
+# ---- Power flow: the load of each contact, and the branches of power between the links -------------------------------
 # References
 # ----------
-# H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): power relative to the carrier.
+# H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): power relative to the carrier,
+# circulating power.
 
 
 def tooth_load(solution: Solution, number: int) -> ToothLoad:
@@ -176,10 +216,27 @@ def tooth_load(solution: Solution, number: int) -> ToothLoad:
         torques_nm=torques_nm,
         carrier_torque_nm=reaction(zip(torques_nm, statics.directions(number), strict=True)),
         gearing_power_w=watts(flow),
+        absolute_power_w=_absolute_power(solution, number),
         driver=None if driver is None else contact.gears[driver][0],
         loss_w=abs(watts(_times(flow, 1 - statics.efficiencies[number]))) if loses else 0.0,
         forces=tooth_forces(solution, number),
     )
+
+
+def branches(solution: Solution) -> Iterator[Branch]:
+    """Yield the torques of the meshes on each body whose axis is fixed in the frame, summed by branch."""
+    statics, kinematics = solution.statics, solution.statics.kinematics
+    for body, joint in kinematics.joints.items():
+        if joint.carried_by != kinematics.mechanism.frame:
+            continue
+        for numbers in _contact_groups(statics, body):
+            torque = _torque(solution, body, numbers)
+            yield Branch(
+                link=body,
+                through=tuple(dict.fromkeys(statics.contacts[number].mesh for number in numbers)),
+                torque_nm=_float(torque),
+                power_w=watts(_times(torque, statics.rates[body])),
+            )
 
 
 def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
@@ -193,6 +250,52 @@ def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
 def watts(power: Fraction | None) -> float:
     """Convert N m rev/s to W, None to NaN."""
     return 2 * math.pi * _float(power)
+
+
+def _absolute_power(solution: Solution, number: int) -> float | None:
+    """Return the absolute power from the first to the second gear, at a gear that rotates about the carrier's axis."""
+    statics, contact = solution.statics, solution.statics.contacts[number]
+    joints, frame = statics.kinematics.joints, statics.kinematics.mechanism.frame
+    if contact.carrier == frame:
+        return watts(solution.flow(number))
+    carrier = joints[contact.carrier]
+    if carrier.carried_by != frame:
+        return None
+    for sign, (link, teeth), factor in zip((-1, 1), contact.gears, solution.load_factors(number), strict=True):
+        body = statics.kinematics.bodies[link]
+        if body == frame or joints[body].axis == carrier.axis:
+            return watts(_times(solution.load(number), sign * teeth * factor * statics.speed(link)))
+    return None
+
+
+def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction | None:
+    """Return the torque of some contacts on a body; None if one of their loads is indeterminate."""
+    torque = ZERO
+    for number in numbers:
+        factor = solution.generalized_torque(number).get(body, ZERO)  # zero for the carrier of a mesh between planets
+        load = solution.load(number) if factor else ZERO
+        if load is None:
+            return None
+        torque += load * factor
+    return torque
+
+
+def _contact_groups(statics: Statics, body: str) -> list[list[int]]:
+    """Return the contacts that act on a body, grouped by mesh for a gear and by planet set for a carrier."""
+    bodies, joints = statics.kinematics.bodies, statics.kinematics.joints
+    groups: list[tuple[set[str], list[int]]] = []
+    for number, contact in enumerate(statics.contacts):
+        gears = {bodies[link] for link, _ in contact.gears}
+        if body not in (*gears, contact.carrier):
+            continue
+        keys, numbers = {f"mesh {contact.mesh}"}, [number]
+        if body not in gears:
+            keys |= {f"planet {gear}" for gear in gears if gear in joints and joints[gear].carried_by == body}
+        for group in [group for group in groups if group[0] & keys]:
+            groups.remove(group)
+            keys, numbers = keys | group[0], group[1] + numbers
+        groups.append((keys, numbers))
+    return [numbers for _, numbers in groups]
 
 
 def _times(a: Fraction | None, b: Fraction) -> Fraction | None:
@@ -303,7 +406,7 @@ def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | No
 
 def _efficiencies(kinematics: Kinematics, given: float | Mapping[str, float]) -> tuple[Fraction, ...]:
     """Return the efficiency of each contact of two gears."""
-    contacts = kinematics.gear_pairs
+    contacts = gear_pairs(kinematics)
     meshes = list(dict.fromkeys(contact.mesh for contact in contacts))
     named = given if isinstance(given, Mapping) else dict.fromkeys(meshes, given)
     for mesh, efficiency in named.items():
@@ -322,9 +425,15 @@ def _result(solution: Solution) -> Torques:
     powers = {link: torque * statics.speed(link) for link, torque in torques.items()}
     directions = [mechanism.directions[mechanism.joints[mechanism.bodies[link]].axis] for link in torques]
     loads = tuple(tooth_load(solution, number) for number in range(len(statics.contacts)))
+    power_branches = tuple(branches(solution))
     power_in = sum((power for power in powers.values() if power > 0), ZERO)
     power_out = -sum((power for power in powers.values() if power < 0), ZERO)
     indeterminate = tuple(dict.fromkeys(load.mesh for load in loads if not load.determinate))
+    gearing: dict[str, float] = {}
+    for load in loads:
+        gearing[load.mesh] = gearing.get(load.mesh, 0.0) + abs(load.gearing_power_w)
+    largest = max((abs(branch.power_w) for branch in power_branches), default=0.0)
+    known = power_in > 0 and not indeterminate
     return Torques(
         external=tuple(
             ExternalTorque(link=link, torque_nm=float(torque), power_w=watts(powers[link]))
@@ -332,9 +441,12 @@ def _result(solution: Solution) -> Torques:
         ),
         frame_torque_nm=reaction(zip(map(float, torques.values()), directions, strict=True)),
         tooth_loads=loads,
+        branches=power_branches,
         bearing_loads=tuple(bearing_loads(solution)),
         input_power_w=watts(power_in),
         output_power_w=watts(power_out),
         efficiency=float(power_out / power_in) if power_in > 0 else None,
+        circulating_ratio=largest / watts(power_in) if known else None,
+        gearing_ratio=max(gearing.values(), default=0.0) / watts(power_in) if known else None,
         indeterminate=indeterminate,
     )

@@ -193,9 +193,18 @@ def convert(
 
 
 def _channel(source: Import, name: str) -> Channel:
-    """Return a field as a channel in its units."""
-    values, scale = source.file.vector(name), source.spec.scale_of(name)
-    return Channel(values=values if scale == 1 else np.multiply(values, scale), units=_units(source, name))
+    """Return a field as a channel in its units, with the sensor data that the file states."""
+    stated, scale = source.file.metadata(name), source.spec.scale_of(name)
+    values = source.file.vector(name)
+    channel = Channel(
+        values=values if scale == 1 else np.multiply(values, scale),
+        units=_units(source, name),
+        delay_s=stated.delay_s,
+    )
+    volts = {"V": 1.0, "mV": 1e-3}.get(CANONICAL_UNITS.get(channel.units, ""))
+    if stated.sensitivity is None or volts is None or scale != 1:
+        return channel
+    return replace(channel, sensitivity=stated.sensitivity / volts, measures=stated.measures)
 
 
 def _recorded_at(source: Import, stated: datetime | None, *, start_s: float) -> datetime | None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.records.clock import TIMES_S, time_scale, words_of
-from hums.records.fields import RecordError, is_utf8
+from hums.records.fields import CANONICAL_UNITS, RecordError, is_utf8
 from signals._validation import brief, nearest, plain_text
 
 Field = NDArray[np.generic] | str
@@ -106,6 +106,12 @@ class Stated:
         Name as printed in the file, if it includes the units.
     pulses_per_rev : float or None
         Pulses per revolution of a tachometer.
+    delay_s : float or None
+        Delay of the channel in s.
+    sensitivity : float or None
+        Output of the sensor in V per unit of `measures`.
+    measures : str or None
+        Units of the measured quantity.
     notes : tuple of str
         Remarks for the user, such as "states gain=10, which is not applied".
     """
@@ -117,6 +123,9 @@ class Stated:
     times_s: NDArray[np.float64] | None = None
     title: str | None = None
     pulses_per_rev: float | None = None
+    delay_s: float | None = None
+    sensitivity: float | None = None
+    measures: str | None = None
     notes: tuple[str, ...] = ()
 
     def over(self, general: "Stated") -> "Stated":
@@ -309,7 +318,10 @@ _NAMES = {
         r"(wf|t|rec\w*|acq\w*|meas\w*|test)?(start|begin|beginn|began|date)(date|time|at)*",
         "title": "(channel)?name",
         "pulses_per_rev": "pulsesperrev(olution)?|ppr",
-        "unread": "gain|scale|factor|slope|offset|intercept|calibration(factor)?|multiplier|sensitivity|delay",
+        "delay_s": "delay",
+        "sensitivity": "sensitivity",
+        "measures": "sensitivityunits?",
+        "unread": "gain|scale|factor|slope|offset|intercept|calibration(factor)?|multiplier",
     }.items()
 }
 _RATES_HZ = {
@@ -340,6 +352,13 @@ def stated_of(attributes: Mapping[str, object]) -> Stated:
         if last == "utc" and "epoch" in read and read["epoch"].tzinfo is None:
             read["epoch"] = read["epoch"].replace(tzinfo=UTC)
         found = read | found
+    measures, sensitivity = found.pop("measures", ""), found.pop("sensitivity", None)
+    output, _, measured = (part.strip() for part in measures.partition("/"))
+    volts = {"V": 1.0, "mV": 1e-3}
+    if sensitivity is not None and measured in CANONICAL_UNITS and output in volts:
+        found |= {"sensitivity": sensitivity * volts[output], "measures": measured}
+    elif sensitivity is not None:
+        unread.append(f"sensitivity={sensitivity:g} {measures}".strip())
     step_s, _ = found.pop("step_s", None), found.pop("unread", None)
     notes = tuple(f"states {text}, which is not applied" for text in unread)
     return Stated(**{"rate_hz": rate_of_step(step_s)} | found, notes=notes)
@@ -359,9 +378,9 @@ def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
     """Return the value of one statement as text, time or a number in SI units; None if it is invalid."""
     if name == "epoch" and isinstance(value, str | datetime):
         return moment_of(value) if isinstance(value, str) else value
-    if name in {"units", "title", "epoch"}:
+    if name in {"units", "title", "measures", "epoch"}:
         return value if isinstance(value, str) else None
-    factors = _RATES_HZ if name == "rate_hz" else TIMES_S if name in {"step_s", "start_s"} else {}
+    factors = _RATES_HZ if name == "rate_hz" else TIMES_S if name in {"step_s", "start_s", "delay_s"} else {}
     unit = unit if factors else None
     if isinstance(value, str):
         printed = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([^\d\s].*)?", value)
@@ -372,7 +391,11 @@ def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
         return None
     number = value * (1.0 if unit is None else factors.get(str(unit).lower(), np.nan))
     most = 1.0 if name == "step_s" else np.inf  # `ts` may be a time stamp
-    return number if (-np.inf if name in {"start_s", "unread"} else 0.0) < number < most else None
+    return (
+        number
+        if (-np.inf if name in {"start_s", "delay_s", "sensitivity", "unread"} else 0.0) < number < most
+        else None
+    )
 
 
 def moment_of(text: str | None) -> datetime | None:

@@ -1,4 +1,4 @@
-"""Quantities measured with a record, and synchronous averages."""
+"""Quantities measured with a record, synchronous averages, and calibration."""
 
 from __future__ import annotations
 
@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from hums.records.channels import measured_quantities
+from hums.records.channels import (
+    attach_time,
+    channel_values,
+    detach_time,
+    measured_quantities,
+    sampling,
+    vibration_channels,
+)
 from hums.records.clock import held_times
 from hums.records.fields import RATE_REMEDY, RecordError, positive_number, real_vector
+from hums.records.validation import check_record
+from signals._validation import checked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -148,3 +157,76 @@ def mean_quantities(record: xr.Dataset) -> dict[str, tuple[float, str]]:
         if np.isfinite(values).any():
             found[name] = (float(np.nanmean(values)), str(record[name].attrs["units"]))
     return found
+
+
+_CALIBRATION = ("sensitivity", "measures", "calibration_factor", "delay_s")
+_APPLIED = "applied_"
+
+
+@checked
+def calibrated(record: xr.Dataset) -> xr.Dataset:
+    """Return a record in the units of the measured quantities, with channel delays removed.
+
+    Samples become ``values / sensitivity * calibration_factor`` in the units that the channel ``measures``. A channel
+    with a ``delay_s`` gets its own time axis, which starts earlier by that delay; samples are not interpolated. The
+    values applied and the original units are stored in attributes named ``applied_...``.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+        Record whose channels have attributes ``sensitivity`` with ``measures``, ``calibration_factor`` or ``delay_s``
+        (see `hums.Channel`). Channels without them are unchanged.
+
+    Returns
+    -------
+    xarray.Dataset
+        A new record.
+
+    Raises
+    ------
+    RecordError
+        If no channel declares a calibration, or it was already applied.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> channel = hums.Channel(values=np.full(1000, 0.2), units="V", sensitivity=0.1, measures="g")
+    >>> record = hums.make_record({"vib": channel}, rate_hz=1000, angle=hums.UnknownAngle())
+    >>> vib = hums.calibrated(record).vib
+    >>> float(vib[0]), vib.units
+    (2.0, 'g')
+    """
+    check_record(record)
+    names = vibration_channels(record)
+    earlier = [name for name in names if any(str(key).startswith(_APPLIED) for key in record[name].attrs)]
+    if earlier:
+        raise RecordError(
+            f'channel "{earlier[0]}" is already calibrated, as its attributes applied_... show. Use the record as is.'
+        )
+    declared = [name for name in names if any(key in record[name].attrs for key in _CALIBRATION)]
+    if not declared:
+        raise RecordError(
+            "nothing to calibrate: no channel declares a sensitivity, calibration_factor or delay_s; give them as "
+            'Channel(..., units="V", sensitivity=0.1, measures="g"), or use the record as it is.'
+        )
+    result = attach_time(detach_time(record).assign({name: _calibrated(record, name) for name in declared}))
+    check_record(result)
+    return result
+
+
+def _calibrated(record: xr.Dataset, name: str) -> xr.Variable:
+    """Return a channel with its calibration applied."""
+    attrs: dict[str, Any] = dict(record[name].attrs)
+    calibration = {key: attrs.pop(key) for key in _CALIBRATION if key in attrs}
+    values = channel_values(record, name)
+    factor = calibration.get("calibration_factor", 1.0) / calibration.get("sensitivity", 1.0)
+    attrs |= {f"{_APPLIED}{key}": value for key, value in calibration.items() if key != "measures"}
+    if "measures" in calibration:
+        attrs |= {f"{_APPLIED}to_units": attrs["units"], "units": calibration["measures"]}
+    scaled = np.multiply(values, values.dtype.type(factor)) if factor != 1 else values
+    times = sampling(record, name)
+    if not calibration.get("delay_s"):
+        return xr.Variable(record[name].dims, scaled, attrs)
+    attrs |= {"rate_hz": times.rate_hz, "start_s": times.start_s - calibration["delay_s"]}
+    return xr.Variable(f"time_{name}", scaled, attrs)

@@ -60,6 +60,15 @@ class Channel:
         Sensitive axis, in the gearbox's coordinates or in words.
     rate_hz : float or None
         Sampling rate in Hz, if it differs from the record's.
+    sensitivity : float or None
+        Output in `units` per unit of `measures`, such as 0.1 V per g; negative if the sensor is mounted in the opposite
+        direction. It is stored, not applied: see `hums.calibrated`.
+    measures : str or None
+        Units of the measured quantity; required with `sensitivity`.
+    calibration_factor : float or None
+        True value over the value from `sensitivity`, as found by the last calibration.
+    delay_s : float or None
+        Delay of the channel relative to the machine, in s.
 
     Examples
     --------
@@ -76,6 +85,10 @@ class Channel:
     sensor: str = ""
     direction: tuple[float, float, float] | str | None = None
     rate_hz: float | None = None
+    sensitivity: float | None = None
+    measures: str | None = None
+    calibration_factor: float | None = None
+    delay_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -371,8 +384,30 @@ def _channel_variable(
         attrs["sensor"] = plain_text(channel.sensor)
     if channel.direction is not None:
         attrs["direction"] = direction_of(channel.direction, what)
+    attrs |= _calibration(channel, what)
     own_hz = rate_hz if channel.rate_hz is None else positive_number(channel.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
     return along_time(name, values, attrs, own_hz=own_hz, rate_hz=rate_hz, start_s=start_s)
+
+
+def _calibration(channel: Channel, what: str) -> dict[str, float | str]:
+    """Return the calibration of a channel as attributes, which `hums.calibrated` applies."""
+    attrs: dict[str, float | str] = {}
+    if (channel.sensitivity is None) != (channel.measures is None):
+        raise RecordError(
+            f"{what}: sensitivity={channel.sensitivity!r} and measures={channel.measures!r} belong together: "
+            f'sensitivity=0.1, measures="g" means 0.1 {channel.units} per g.'
+        )
+    if channel.measures is not None:
+        attrs["measures"] = known_units(channel.measures, f"{what}: measures")
+    for name in ("sensitivity", "calibration_factor"):
+        value = getattr(channel, name)
+        if value is not None:
+            attrs[name] = finite_number(value, f"{what}: {name}", "number other than zero")
+            if value == 0:
+                raise RecordError(f"{what}: {name}=0: a finite number other than zero is needed.")
+    if channel.delay_s is not None:
+        attrs["delay_s"] = finite_number(channel.delay_s, f"{what}: delay_s")
+    return attrs
 
 
 def _angle_variables(

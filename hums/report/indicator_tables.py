@@ -143,11 +143,12 @@ def _meaning(name: str) -> str:
 
 
 def _words(name: str) -> str:
-    return _WORDS.get(name) or name.replace("_", " ").replace("rms", "RMS")
+    return _WORDS.get(name) or name.replace("_", " ")
 
 
 _NONE: dict[str, Any] = {"text": "\N{EN DASH}", "style": "", "limit": ""}
-_WORDS = {name: name.upper() for name in ("rms", "so1", "so2", "so3", "fm0", "fm4", "m6a", "m8a", "na4", "nb4")}
+_SHORT = ("rms", "so1", "so2", "so3", "fm0", "fm4", "m6a", "m8a", "na4", "nb4")
+_WORDS = {name: name.upper() for name in _SHORT} | {"velocity_rms": "velocity RMS"}
 
 
 def _cell(row: Mapping[str, Any], findings: Rows) -> dict[str, Any]:

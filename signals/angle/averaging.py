@@ -351,3 +351,114 @@ def _resampled_turns(values: Array, first: float, per_turn: float, count: int, p
     )
     found = angular_resample(values, rate_hz=1.0, phase=phase, samples_per_rev=per_rev, revolutions=count)
     return found.values.reshape(count, per_rev), found.passband_orders
+
+
+class RunningAverage:
+    """Time synchronous average of a record that arrives in blocks, in constant memory.
+
+    Mean and sum of squared deviations are updated as by Chan, Golub & LeVeque (1983, "Algorithms for computing the
+    sample variance", Am. Stat. 37(3)), for single revolutions the update of Welford (1962). Block sizes affect only
+    rounding.
+
+    Parameters
+    ----------
+    samples_per_rev : int
+        Samples per revolution of the averaged shaft.
+    ratio : Fraction
+        Revolutions of the averaged shaft per revolution of the reference shaft, for the result.
+    passband_orders : float
+        Highest order of the averaged shaft in the passband of the record, for the result.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two samples per revolution, or a ratio that is not exact.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import RunningAverage
+    >>> running = RunningAverage(samples_per_rev=4)
+    >>> running.update([1, 2, 3, 4, 3, 2])
+    >>> running.update([1, 0])
+    >>> running.average().values.tolist(), running.revolutions
+    ([2.0, 2.0, 2.0, 2.0], 2)
+    """
+
+    def __init__(self, *, samples_per_rev: int, ratio: Fraction | int = 1, passband_orders: float = math.inf) -> None:
+        self.samples_per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
+        self.ratio = exact_ratio(ratio)
+        self.passband_orders = passband_orders
+        self.revolutions = 0
+        self._mean: Array = np.zeros(self.samples_per_rev)
+        self._squares: Array = np.zeros(self.samples_per_rev)
+        self._rest: Array = np.zeros(0)
+
+    @property
+    def waiting(self) -> int:
+        """Number of samples of a revolution that is not yet complete and not in the average."""
+        return int(self._rest.size)
+
+    def update(self, values: ArrayLike) -> None:
+        """Add the next samples over the angle of the averaged shaft, (n,) of any length; they must be finite."""
+        block = np.append(self._rest, real_vector(values, name="values", minimum=0))
+        turns, rest = np.split(block, [block.size - block.size % self.samples_per_rev])
+        self._rest = rest
+        if turns.size:
+            rows = turns.reshape(-1, self.samples_per_rev)
+            mean = rows.mean(axis=0)
+            self._combine(rows.shape[0], mean, np.sum((rows - mean) ** 2, axis=0))
+
+    def merge(self, other: RunningAverage) -> None:
+        """Add the revolutions of another average of the same shaft.
+
+        Raises
+        ------
+        ValueError
+            Averages of different grids or shafts, or with an incomplete revolution.
+        """
+        if (other.samples_per_rev, other.ratio) != (self.samples_per_rev, self.ratio):
+            raise ValueError(
+                f"an average of {other.samples_per_rev} samples per revolution at ratio {other.ratio} cannot be merged "
+                f"with one of {self.samples_per_rev} at ratio {self.ratio}; resample both over the same shaft and grid."
+            )
+        if self.waiting or other.waiting:
+            raise ValueError(
+                f"{self.waiting} and {other.waiting} samples belong to incomplete revolutions, which merging would "
+                "lose; update both averages to whole revolutions first."
+            )
+        self.passband_orders = min(self.passband_orders, other.passband_orders)
+        self._combine(other.revolutions, other._mean, other._squares)
+
+    def average(self) -> SynchronousAverage:
+        """Return the average to date; more samples may follow.
+
+        Raises
+        ------
+        ValueError
+            Before the first whole revolution.
+        """
+        if not self.revolutions:
+            raise ValueError(
+                f"only {self.waiting} of the {self.samples_per_rev} samples of the first revolution have arrived; "
+                "update with more before asking for the average."
+            )
+        freedom = self.revolutions - 1
+        variance = self._squares / freedom if freedom else np.full(self.samples_per_rev, np.nan)
+        return SynchronousAverage(
+            values=self._mean.copy(),
+            standard_error=np.sqrt(variance / self.revolutions),
+            revolutions=self.revolutions,
+            ratio=self.ratio,
+            passband_orders=self.passband_orders,
+        )
+
+    def _combine(self, count: int, mean: Array, squares: Array) -> None:
+        """Combine mean and sum of squared deviations with those of `count` more revolutions (Chan et al. 1983)."""
+        if not count:
+            return
+        total = self.revolutions + count
+        difference = mean - self._mean
+        self._mean = self._mean + difference * (count / total)
+        self._squares = self._squares + squares + difference**2 * (self.revolutions * count / total)
+        self.revolutions = total

@@ -238,8 +238,8 @@ class LocalDamage:
     least_rise : float
         Rise in one band alone, in whichever shows it least, at which `local` would reach the stated probability; inf if
         none would.
-    position_rev : float
-        Middle of the peak, from 0 to 1 revolution of the gear.
+    position_rev, width_rev : float
+        Middle of the peak, from 0 to 1 revolution of the gear, and its width.
     band : int
         Index of the band in which the peak stands out most.
     turns : int
@@ -255,6 +255,7 @@ class LocalDamage:
     rise: float
     least_rise: float = math.inf
     position_rev: float
+    width_rev: float
     band: int
     turns: int
 
@@ -392,6 +393,7 @@ def _at_peaks(
                 outlier=float(outlier[row, band]),
                 rise=float(at_peak[row, band] / mean[row, band]),
                 position_rev=((peak + width / 2) / cells) % 1.0,
+                width_rev=width / cells,
                 band=band,
                 turns=energies.turns,
             )

@@ -60,8 +60,8 @@ class PlanetaryTeeth:
     --------
     >>> from signals import PlanetaryTeeth
     >>> teeth = PlanetaryTeeth(ring=99, planet=39, sun=21, planets=3)
-    >>> teeth.planet_reset, teeth.sun_reset
-    (13, 7)
+    >>> teeth.planet_reset, teeth.planet_sequence[:4]
+    (13, (0, 21, 3, 24))
     """
 
     ring: int
@@ -97,6 +97,19 @@ class PlanetaryTeeth:
     def sun_reset(self) -> int:
         """Carrier revolutions after which the same sun tooth again meshes with a planet at the sensor."""
         return self.sun // math.gcd(self.ring, self.sun)
+
+    @property
+    def planet_sequence(self) -> tuple[int, ...]:
+        """Tooth of a planet in mesh with the ring at the sensor, for each pass, (planet_reset,)."""
+        return tuple(n * self.ring % self.planet for n in range(self.planet_reset))
+
+    @property
+    def sun_sequence(self) -> tuple[int, ...]:
+        """Tooth of the sun in mesh with a planet at the sensor, for each pass, (sun_reset,).
+
+        It is for planet 0; for a planet at position p subtract ``(ring + sun) p``, modulo the number of sun teeth.
+        """
+        return tuple(n * self.ring % self.sun for n in range(self.sun_reset))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +158,11 @@ class PassWindow:
     def hann(cls, width_teeth: float) -> PassWindow:
         """Return a Hann window, a raised cosine (McFadden 1994)."""
         return cls(width_teeth=width_teeth, taper_teeth=width_teeth / 2)
+
+    @classmethod
+    def tukey(cls, width_teeth: float, *, taper_teeth: float) -> PassWindow:
+        """Return a window with cosine tapers of `taper_teeth` at either end."""
+        return cls(width_teeth=width_teeth, taper_teeth=taper_teeth)
 
     def weight(self, teeth: ArrayLike) -> Array:
         """Return the weights (m,) at `teeth` (m,) from the pass, including the lower edge but not the upper."""

@@ -78,6 +78,13 @@ class Kurtogram:
     envelope_negentropy: Array | None = field(default=None, metadata={"dims": ("band",), "units": "1"})
     envelope_lines: Array = field(metadata={"dims": ("band",), "units": "1"})
 
+    def image(self) -> tuple[Array, Array]:
+        """Return the levels (rows,) and the kurtosis as an image (rows, cells), with cells of equal width from 0 Hz."""
+        levels = np.unique(self.level)
+        cells = 3 * 2 ** int(levels[-1])
+        rows = [self.kurtosis[self.level == level] for level in levels]
+        return levels, np.array([np.repeat(row, cells // row.size) for row in rows])
+
 
 @checked
 def fast_kurtogram(

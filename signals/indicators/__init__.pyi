@@ -1,6 +1,8 @@
 from signals.indicators.bearing import DefectEnergy as DefectEnergy
 from signals.indicators.bearing import defect_energy as defect_energy
+from signals.indicators.gear import CarrierSidebands as CarrierSidebands
 from signals.indicators.gear import carrier_sideband_ratio as carrier_sideband_ratio
+from signals.indicators.gear import carrier_sidebands as carrier_sidebands
 from signals.indicators.gear import energy_operator as energy_operator
 from signals.indicators.gear import energy_ratio as energy_ratio
 from signals.indicators.gear import fm0 as fm0

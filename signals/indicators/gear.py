@@ -10,7 +10,10 @@ systems", Acta Polytechnica 45(6).
 The examples use the signals defined in the docstring of `signals.indicators`.
 """
 
+from dataclasses import dataclass, field
+
 import numpy as np
+from numpy.typing import NDArray
 
 from signals._validation import Array, checked, whole
 from signals.angle.averaging import SynchronousAverage
@@ -404,17 +407,57 @@ def _first_sidebands(average: SynchronousAverage, teeth: int) -> float:
     return line_amplitude(average, mesh - 1) + line_amplitude(average, mesh + 1)
 
 
-@checked
-def carrier_sideband_ratio(
-    average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
-) -> float:
-    """Return the ratio of the RMS of the sidebands of a ring mesh that equal planets cancel to that of the others.
+@dataclass(frozen=True, kw_only=True)
+class CarrierSidebands:
+    """Amplitudes around one harmonic of the ring mesh, in the average over the carrier, from `carrier_sidebands`.
 
-    Equal, evenly spaced planets pass a sensor on the ring with phases that cancel at every order that is not a multiple
-    of their number (McFadden & Smith 1985, Proc. Instn Mech. Engrs C 199, 65-70). A crack in the carrier or one damaged
-    planet makes them unequal, and the ratio rises (Keller & Grabill 2003, "Vibration monitoring of UH-60A main
-    transmission planetary carrier fault", AHS Forum 59). With unevenly spaced planets it is high in a healthy gearbox
-    as well.
+    Attributes
+    ----------
+    orders : (line,) array
+        Orders of the carrier.
+    amplitude : (line,) array
+        Peak amplitudes, in the unit of the record.
+    planets : int
+        Number of planets.
+
+    Examples
+    --------
+    Orders 37 to 43 about the mesh order of a ring of 40 teeth; three planets add up at multiples of 3:
+
+    >>> from signals.indicators import carrier_sidebands
+    >>> average = average_of(np.cos(39 * angle) + 0.5 * np.cos(40 * angle))
+    >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
+    >>> lines.amplitude.round(6).tolist(), lines.orders[lines.expected].tolist()
+    ([0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0], [39, 42])
+    """
+
+    orders: NDArray[np.int64] = field(metadata={"dims": ("line",), "units": "order of the carrier"})
+    amplitude: Array = field(metadata={"dims": ("line",), "units": "as the record, peak"})
+    planets: int
+
+    @property
+    def expected(self) -> NDArray[np.bool_]:
+        """(line,) array, true at multiples of the number of planets, where the contributions of the planets add up."""
+        return np.asarray(self.orders % self.planets == 0)
+
+    @property
+    def ratio(self) -> float:
+        """Ratio of the RMS amplitude where equal planets cancel to that where they add up."""
+        expected = float(np.sqrt(np.mean(self.amplitude[self.expected] ** 2)))
+        other = float(np.sqrt(np.mean(self.amplitude[~self.expected] ** 2)))
+        return other / expected if expected > 0 else np.inf
+
+
+@checked
+def carrier_sidebands(
+    average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
+) -> CarrierSidebands:
+    """Return the sidebands of a ring mesh, where equal, evenly spaced planets either add up or cancel.
+
+    Such planets pass a sensor on the ring with phases that cancel at every order that is not a multiple of their number
+    (McFadden & Smith 1985, Proc. Instn Mech. Engrs C 199, 65-70). A crack in the carrier or one damaged planet makes
+    them unequal, and the ratio rises (Keller & Grabill 2003, "Vibration monitoring of UH-60A main transmission
+    planetary carrier fault", AHS Forum 59). With unevenly spaced planets it is high in a healthy gearbox as well.
 
     Parameters
     ----------
@@ -429,6 +472,10 @@ def carrier_sideband_ratio(
     sidebands : int
         Number of orders on either side, at least the number of planets.
 
+    Returns
+    -------
+    CarrierSidebands
+
     Raises
     ------
     ValueError
@@ -436,12 +483,13 @@ def carrier_sideband_ratio(
 
     Examples
     --------
-    Three planets on a ring of 40 teeth add up at orders 39 and 42, and cancel at the mesh order 40:
+    Three planets on a ring of 40 teeth give lines at orders 39 and 42 about the mesh order 40:
 
-    >>> from signals.indicators import carrier_sideband_ratio
-    >>> average = average_of(np.cos(39 * angle) + 0.5 * np.cos(40 * angle))  # RMS 0.5 / sqrt(5) over 1 / sqrt(2)
-    >>> round(carrier_sideband_ratio(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3), 4)
-    0.3162
+    >>> from signals.indicators import carrier_sidebands
+    >>> average = average_of(2 * np.cos(39 * angle) + np.cos(42 * angle))
+    >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
+    >>> lines.orders[lines.expected].tolist(), round(lines.ratio, 6)
+    ([39, 42], 0.0)
     """
     expect(average, SynchronousAverage, indicator="the carrier sideband ratio")
     count = whole(planets, name="planets", least=2)
@@ -450,7 +498,35 @@ def carrier_sideband_ratio(
     if centre - side < 1:
         raise ValueError(f"sidebands={side} about order {centre} extend below order 1; use fewer.")
     orders = np.arange(centre - side, centre + side + 1)
-    squares = np.array([line_amplitude(average, int(order)) for order in orders]) ** 2
-    adding = orders % count == 0
-    expected, other = np.sqrt(squares[adding].mean()), np.sqrt(squares[~adding].mean())
-    return float(other / expected) if expected > 0 else np.inf
+    amplitude = np.array([line_amplitude(average, int(order)) for order in orders])
+    return CarrierSidebands(orders=orders, amplitude=amplitude, planets=count)
+
+
+@checked
+def carrier_sideband_ratio(
+    average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
+) -> float:
+    """Return the ratio of the RMS of the sidebands that equal planets cancel to that of the others.
+
+    It is `CarrierSidebands.ratio`.
+
+    Parameters
+    ----------
+    average, ring_teeth, planets, harmonic, sidebands
+        As in `carrier_sidebands`.
+
+    Raises
+    ------
+    ValueError
+        As `carrier_sidebands`.
+
+    Examples
+    --------
+    >>> from signals.indicators import carrier_sideband_ratio
+    >>> average = average_of(np.cos(39 * angle) + 0.5 * np.cos(40 * angle))  # RMS 0.5 / sqrt(5) over 1 / sqrt(2)
+    >>> round(carrier_sideband_ratio(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3), 4)
+    0.3162
+    """
+    return carrier_sidebands(
+        average, ring_teeth=ring_teeth, planets=planets, harmonic=harmonic, sidebands=sidebands
+    ).ratio

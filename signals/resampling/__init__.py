@@ -1,1 +1,1 @@
-"""Angular resampling: from time to shaft angle and back."""
+"""Angular resampling: from time to shaft angle and back, of whole records or in blocks."""

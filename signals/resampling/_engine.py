@@ -1,4 +1,4 @@
-"""Resampling between two uniform grids related by an increasing function.
+"""Streaming resampling between two uniform grids related by an increasing function.
 
 The function is q(n), the position of sample n in steps of the output grid. Its slope a(n) = dq/dn is also the ratio of
 the output rate to the input rate. With g the windowed sinc below,
@@ -9,7 +9,7 @@ the output rate to the input rate. With g the windowed sinc below,
 The second sum is the integral of the record times a filter fixed on the output grid, however unevenly the samples lie
 on it; for a = 1 the two sums agree. It is computed from moments: the filter is a polynomial on each step of the output
 grid, so that only the moments of the samples in that step are needed. Each sample is read once, however many lie in a
-step, and chunk by chunk, so that little memory is needed besides record and result.
+step, and a long record need not be held in memory.
 
 Beyond its ends the record is taken as zero, and each output is divided by the sum of the weights on the record. The
 first sample is subtracted beforehand and added afterwards, so that a large mean costs no accuracy.
@@ -246,9 +246,10 @@ class Map:
 
 
 class Warp:
-    """Resampler of one record, or of several with the same sample times: (row, n) arrays.
+    """Streaming resampler of one record, or of several with the same sample times: (row, n) arrays.
 
-    If `folds` is false nothing in them would alias into the passband, and they are only interpolated.
+    If `folds` is false nothing in them would alias into the passband, and they are only interpolated. Chunks are
+    counted from the first sample of the record, so that the block sizes do not affect the result.
     """
 
     def __init__(self, grid: Map, *, method: Method, rows: int = 1, folds: bool = True) -> None:
@@ -269,19 +270,38 @@ class Warp:
         self._used = 0  # number of steps with moments; the others are zero
         self._ends = (-np.inf, np.inf)  # of the record on the output grid
 
+    def push(self, x: Samples) -> Outputs:
+        """Process the next samples; return the outputs they complete, and which of them reach beyond the start."""
+        return self._joined(self._pushed(x))
+
+    def finish(self) -> Outputs:
+        """Return the remaining outputs, and which of them reach beyond an end of the record."""
+        return self._advance(np.concatenate([self._samples, np.zeros((self._rows, _HALO))], axis=1), ended=True)
+
     def whole(self, x: Samples) -> Outputs:
-        """Return the outputs of a record (row, n), and which of them reach beyond an end of it."""
+        return self._joined([*self._pushed(x), self.finish()])
+
+    def _pushed(self, x: Samples) -> list[Outputs]:
         for row, level in zip(x, self._level, strict=True):
-            level[0] = row[0] if np.isfinite(row[0]) else next(iter(row[np.isfinite(row)]), np.nan)
+            if np.isnan(level[0]) and row.size:
+                level[0] = row[0] if np.isfinite(row[0]) else next(iter(row[np.isfinite(row)]), np.nan)
         parts, width = [], self._chunk + 2 * _HALO
         for begin in range(0, x.shape[1], self._chunk):
             self._samples = np.concatenate([self._samples, x[:, begin : begin + self._chunk]], axis=1)
             if self._samples.shape[1] >= width:
                 parts.append(self._advance(self._samples[:, :width], ended=False))
                 self._samples = self._samples[:, self._chunk :]
-        last = np.concatenate([self._samples, np.zeros((self._rows, _HALO))], axis=1)
-        parts.append(self._advance(last, ended=True))
+        return parts
+
+    def _joined(self, parts: list[Outputs]) -> Outputs:
+        if not parts:
+            return np.empty((self._rows, 0)), np.empty(0, dtype=bool)
         return np.concatenate([values for values, _ in parts], axis=1), np.concatenate([beyond for _, beyond in parts])
+
+    @property
+    def samples_seen(self) -> int:
+        """Number of samples pushed."""
+        return self._at + self._samples.shape[1] - _HALO
 
     def _advance(self, samples: Array, *, ended: bool) -> Outputs:
         """Process one chunk, given with a halo on either side; return the outputs that are complete."""

@@ -255,6 +255,8 @@ def time_resample(
     phase: ShaftPhase,
     rate_hz: float,
     start_s: float | None = None,
+    method: Method = "sinc",
+    missing: Missing = "refuse",
 ) -> TimeSignal:
     """Resample an angular signal at uniform steps of time, the inverse of `angular_resample`.
 
@@ -270,6 +272,8 @@ def time_resample(
         Output sampling rate in Hz.
     start_s : float, optional
         Time in s of the first output, within the signal; default: the time of its first sample.
+    method, missing
+        As in `angular_resample`.
 
     Returns
     -------
@@ -295,9 +299,10 @@ def time_resample(
     >>> bool(np.allclose(x.values[100:-100], np.cos(2 * np.pi * 50 * x.times_s[100:-100]), atol=1e-5))
     True
     """
+    choice(method, name="method", choices=METHODS)
     rate, per_rev = positive(rate_hz, name="rate_hz"), signal.samples_per_rev
     phase = forwards(phase)
-    x = samples(signal.values, missing="refuse", minimum=2)
+    x = samples(signal.values, missing=missing, minimum=FEWEST[method])
     ends = signal.start_rev, signal.start_rev + (x.size - 1) / per_rev
     begin, end = _span_s(phase, *ends)
     refuse_rest(phase.times_s, phase.revolutions, start_s=begin, stop_s=end)
@@ -349,7 +354,7 @@ def time_resample(
         known=((phase.start_s - start) * rate, (phase.stop_s - start) * rate),
         slack=_ROUNDING * rate,
     )
-    (values,), beyond = Warp(grid, method="sinc").whole(x[None])
+    (values,), beyond = Warp(grid, method=method).whole(x[None])
     return TimeSignal(
         values=values,
         rate_hz=rate,

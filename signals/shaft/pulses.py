@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
 _PULSES_PER_BLOCK = 2
 
-Edge = Literal["rising", "falling"]
+Edge = Literal["rising", "falling", "auto"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class PulseTrain:
     times_s: Array = field(metadata={"dims": ("pulse",), "units": "s"})
     threshold: float
     hysteresis: float
-    edge: Edge = "rising"
+    edge: Literal["rising", "falling"] = "rising"
 
 
 @checked
@@ -70,8 +70,9 @@ def pulse_times(
         Sampling rate in Hz.
     start_s : float
         Time of the first sample in s.
-    edge : {"rising", "falling"}
-        Edge that defines the pulse.
+    edge : {"rising", "falling", "auto"}
+        Edge that defines the pulse. "auto" chooses the steeper one, with fewer samples across the hysteresis; if
+        neither takes less than 0.8 times the samples of the other, the leading edge of the narrower level.
     full_scale : float, optional
         Full scale of the channel, in the unit of the waveform. A waveform that swings by less than a hundredth of it is
         hum or noise, from a shaft at rest or a disconnected sensor, and raises.
@@ -119,7 +120,7 @@ def pulse_times(
     >>> pulse_times(np.sin(2 * np.pi * 5 * t), rate_hz=1000).times_s.round(3).tolist()
     [0.2, 0.4, 0.6, 0.8]
     """
-    choice(edge, name="edge", choices=get_args(Edge))
+    choice(edge, name="edge", choices=("rising", "falling", "auto"))
     wave = real_vector(waveform, name="the tachometer waveform", minimum=3)
     rate, start = positive(rate_hz, name="rate_hz"), number(start_s, name="start_s")
     _refuse_non_waveform(wave)
@@ -127,13 +128,13 @@ def pulse_times(
         threshold=None if threshold is None else number(threshold, name="threshold"),
         hysteresis=None if hysteresis is None else positive(hysteresis, name="hysteresis"),
     )
-    sign = -1 if edge == "falling" else 1
-    found = _rising_edges(sign * wave, replace(levels, sign=sign))
+    wave, edge_found, found = _edges(wave, edge, levels)
+    sign = -1.0 if edge_found == "falling" else 1.0
     if full_scale is not None:
         _refuse_faint(found, positive(full_scale, name="full_scale"))
     times = start + found.positions / rate
     if times.size < 2:  # noqa: PLR2004
-        sense = "downwards" if edge == "falling" else "upwards"
+        sense = "downwards" if edge_found == "falling" else "upwards"
         raise ValueError(
             f"the tachometer waveform crosses {sign * found.level:.4g} {sense} {times.size} times; at "
             "least 2 pulses are needed. Check the channel and the threshold."
@@ -142,15 +143,16 @@ def pulse_times(
         times_s=times,
         threshold=sign * found.level,
         hysteresis=found.margin,
-        edge=edge,
+        edge=edge_found,
     )
 
 
 @dataclass(frozen=True)
 class _Edges:
-    """Rising edges: positions in samples, threshold and hysteresis, and the swing of the waveform."""
+    """Rising edges: positions and durations in samples, threshold and hysteresis, and the swing of the waveform."""
 
     positions: Array
+    durations: NDArray[np.int64]
     level: float
     margin: float
     swing: float
@@ -190,6 +192,22 @@ class _Levels:
     sign: int = 1
 
 
+def _edges(wave: Array, edge: Edge, stated: _Levels) -> tuple[Array, Literal["rising", "falling"], _Edges]:
+    """Return the waveform (its negative for falling edges), the edge chosen, and the edges found."""
+    if edge == "falling":
+        return -wave, edge, _rising_edges(-wave, replace(stated, sign=-1))
+    rising = _rising_edges(wave, stated)
+    if edge == "rising":
+        return wave, edge, rising
+    falling = _rising_edges(-wave, replace(stated, sign=-1))
+    up = float(np.mean(rising.durations)) if rising.durations.size else np.inf
+    down = float(np.mean(falling.durations)) if falling.durations.size else np.inf
+    sharper = 0.8
+    alike = min(up, down) > sharper * max(up, down)
+    rises = bool(np.mean(wave > rising.level) <= 0.5) if alike else up < down  # noqa: PLR2004 - high for less than half
+    return (wave, "rising", rising) if rises else (-wave, "falling", falling)
+
+
 def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
     """Return the rising edges at the levels stated, else at those of narrow pulses if there are any."""
     if stated.threshold is not None:
@@ -201,7 +219,7 @@ def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
                 f"threshold={stated.threshold:g} with a hysteresis of {margin:.4g} on either side is not within the "
                 f"levels of the waveform, {stated.sign * low:.4g} and {stated.sign * high:.4g}; give one between them."
             )
-        return _Edges(_crossings(wave, level, margin), level, margin, high - low)
+        return _Edges(*_crossings(wave, level, margin), level, margin, high - low)
     found = _edges_at_levels(wave, stated.hysteresis, narrow=False)
     narrow = _edges_at_levels(wave, stated.hysteresis, narrow=True)
     best = found
@@ -277,12 +295,12 @@ def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narr
     margins = _HYSTERESIS * swing if hysteresis is None else np.full(swing.size, hysteresis)
     if base is None:
         first = float(levels[0]), float(margins[0]), float(swing[0])
-        return _Edges(_crossings(wave, levels[0], margins[0]), *first)
+        return _Edges(*_crossings(wave, levels[0], margins[0]), *first)
     at = np.arange(wave.size)
     level = base + np.interp(at, centres, levels)
     margin = np.interp(at, centres, margins)
     typical = (float(np.median(one)) for one in (level[np.rint(centres).astype(int)], margins, swing))
-    return _Edges(_crossings(wave, level, margin), *typical)
+    return _Edges(*_crossings(wave, level, margin), *typical)
 
 
 def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
@@ -313,7 +331,7 @@ def _noise(wave: Array) -> float:
     return float(1.4826 * np.median(differences) / np.sqrt(6))
 
 
-def _crossings(wave: Array, level: Array | float, margin: Array | float) -> Array:
+def _crossings(wave: Array, level: Array | float, margin: Array | float) -> tuple[Array, NDArray[np.int64]]:
     """Return the edges at which `wave` rises through `level`, each from below the margin to above it.
 
     Several crossings in one edge are replaced by the single one that leaves as much time below the level.
@@ -330,7 +348,8 @@ def _crossings(wave: Array, level: Array | float, margin: Array | float) -> Arra
     before, edge = before[within], edge[within]
     sign = np.where(above[before + 1], 1.0, -1.0)  # upward, downward, ... upward
     part = before - last_low[edge] + height[before] / (height[before] - height[before + 1])
-    return np.asarray(last_low + np.bincount(edge, weights=sign * part, minlength=rises.size))
+    positions = last_low.astype(np.float64) + np.bincount(edge, weights=sign * part, minlength=rises.size)
+    return positions, first_high - last_low
 
 
 # ---- Edges and direction of rotation from two tachometer channels in quadrature --------------------------------------

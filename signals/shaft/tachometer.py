@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, brief, checked, positive, real_vector, whole
+from signals._validation import Array, brief, checked, number, positive, real_vector, whole
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.pulse_repair import (
     Counts,
@@ -43,6 +43,7 @@ def shaft_phase(
     *,
     pulses_per_rev: float | Fraction = 1,
     direction: int | ArrayLike | None = None,
+    delay_s: float = 0.0,
 ) -> ShaftPhase:
     """Return the phase of a shaft from the pulse times of its tachometer; the angle is zero at the first pulse.
 
@@ -56,6 +57,8 @@ def shaft_phase(
     direction : +1, -1 or (n,) array of them, optional
         Direction of rotation, for all pulses or for each, as from `quadrature_direction`. With an array the pulses are
         counted up and down without repair, and angles may decrease.
+    delay_s : float
+        Delay in s of the tachometer channel relative to the vibration channel; it is subtracted from the times.
 
     Returns
     -------
@@ -93,7 +96,11 @@ def shaft_phase(
     >>> float(phase.speed_hz([0.4])[0].round(6)), phase.repairs.missing
     (25.0, 1)
     """
-    times = _pulse_list(times_s)
+    times = _pulse_list(times_s) - number(delay_s, name="delay_s")
+    if not np.all(np.diff(times) > 0):
+        raise ValueError(
+            f"delay_s={delay_s:g} is so large that pulse times become equal when it is subtracted; give it in seconds."
+        )
     per_rev = _per_rev(pulses_per_rev)
     signs = _signs(direction, times.size)
     if signs is not None and signs.size > 1:

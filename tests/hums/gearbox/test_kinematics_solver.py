@@ -14,11 +14,16 @@ PLANETARY = {"name": "p"} | gearboxes.PLANETARY
 SHEET = {"inner": 9.5, "outer": 6.5, "cage": 0.4, "element_spin": 3.0}
 
 
-def solved(table=PLANETARY):
-    return solve_kinematics(Gearbox.from_mapping(table))
+def solved(table=PLANETARY, **how):
+    return solve_kinematics(Gearbox.from_mapping(table), **how)
 
 
-class TestSpeeds:
+class TestFixedAndConstrained:
+    def test_constraint_between_two_links(self):
+        # a belt outside the box makes the ring turn at half the sun's speed: 27 s + 99 r = 126 c
+        kinematics = solved(constraints=[{"ring": 2, "sun": -1}])
+        assert kinematics.relative_speed("carrier", seen_from="housing") == Fraction(27 * 2 + 99, 2 * 126)
+
     def test_too_many_that_agree_are_welcome(self):
         kinematics = solved()
         speeds = {"carrier": 1.0, "planet 1": -2.0, "planet 3": -2.0, "sun": 5.0}
@@ -30,10 +35,10 @@ class TestSpeeds:
             solved().rates({"carrier": 1.0, "planet 1": -2.0, "planet 2": -3.0})
 
     def test_floats_may_agree_to_rounding(self):
-        kinematics = solved()
-        kinematics.rates({"sun": 1.0, "ring": 0.0, "carrier": 27 / 126})
+        kinematics = solved(fixed=["ring"])
+        kinematics.rates({"sun": 1.0, "carrier": 27 / 126})
         with pytest.raises(GearboxError, match="contradict"):
-            kinematics.rates({"sun": 1.0, "ring": 0.0, "carrier": 27 / 126 * (1 + 1e-6)})
+            kinematics.rates({"sun": 1.0, "carrier": 27 / 126 * (1 + 1e-6)})
 
     def test_a_loop_that_locks_part_of_a_gearbox(self):
         # three gears in a ring hold the planetary's ring gear; sun and carrier still turn

@@ -86,9 +86,9 @@ class TestTrains:
         assert load.carrier_torque_nm == (14.0, 0.0, 0.0)
         assert result.frame_torque_nm == (-14.0, 0.0, 0.0)
         assert load.driver == "s0"
-        assert load.gearing_power_w == pytest.approx(4 * TURN, rel=1e-15)
+        assert load.gearing_power_w == load.absolute_power_w == pytest.approx(4 * TURN, rel=1e-15)
         assert result.input_power_w == result.output_power_w == pytest.approx(4 * TURN, rel=1e-15)
-        assert result.efficiency == 1.0
+        assert (result.efficiency, result.circulating_ratio, result.gearing_ratio) == (1.0, 1.0, 1.0)
         assert result.indeterminate == ()
 
     @given(
@@ -112,6 +112,15 @@ class TestTrains:
         assert result.efficiency == pytest.approx(efficiency ** len(stages), rel=1e-13)
         assert balance(result) == pytest.approx(0, abs=ROUNDING)
 
+    def test_two_outputs(self):
+        table = train((20, 40)) | {"axes": {name: ["h", name] for name in ("s0", "s1", "s2")}}
+        table["mesh"] = [*table["mesh"], {"teeth": {"s0": 20, "s2": 60}}]
+        result = solve_torques(solved(table), {"s0": None, "s1": 3, "s2": 6})
+        assert result.torques_nm["s0"] == 3 * 20 / 40 + 6 * 20 / 60
+        assert result.output_power_w == pytest.approx(3.5 * TURN, rel=1e-15)
+        # the stream divides behind the input shaft
+        assert result.circulating_ratio == pytest.approx(2 / 3.5, rel=1e-15)
+
 
 class TestPlanetary:
     def test_27_36_99_by_hand(self):
@@ -126,11 +135,48 @@ class TestPlanetary:
         assert {(load.carrier, load.carrier_torque_nm) for load in result.tooth_loads} == {
             ("carrier", (21.0, 0.0, 0.0))
         }
+        assert [(branch.link, branch.through, branch.torque_nm) for branch in result.branches] == [
+            ("sun", ("sun-planet",), -27.0),
+            ("carrier", ("sun-planet", "planet-ring"), 126.0),
+        ]
         # the sun passes the carrier at 99/126 turns; the rest of the power goes by the coupling, not by the teeth
         sun, ring = result.at("sun-planet")[0], result.at("planet-ring")[0]
         gearing_w = 9 * 99 / 126 * TURN
         assert (sun.gearing_power_w, ring.gearing_power_w) == pytest.approx((gearing_w, gearing_w), rel=1e-15)
         assert (sun.driver, ring.driver) == ("sun", "planet 1")
+        assert (sun.absolute_power_w, ring.absolute_power_w) == (
+            pytest.approx(9 * TURN, rel=1e-15),
+            0,
+        )  # the ring rests
+        assert (result.gearing_ratio, result.circulating_ratio) == (pytest.approx(99 / 126, rel=1e-15), 1.0)
+
+    @given(
+        sun=st.integers(10, 200),
+        planet=st.integers(10, 200),
+        copies=st.integers(2, 6),
+        torque=st.fractions(1, 99, max_denominator=9),
+        speeds=st.tuples(*[st.fractions(-9, 9, max_denominator=99)] * 2),
+    )
+    @pytest.mark.filterwarnings("ignore::hums.gearbox.model.GearboxWarning")  # any planets, whether or not they fit
+    def test_any_planetary_in_any_motion(self, sun, planet, copies, torque, speeds):
+        ring = sun + 2 * planet
+        table = PLANETARY | {"axes": PLANETARY["axes"] | {"planet": {"links": ["carrier", "planet"], "copies": copies}}}
+        table["mesh"] = [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -ring}}]
+        motion = dict(zip(("sun", "ring"), speeds, strict=True))
+        result = solve_torques(solved(table), {"sun": torque, "ring": None, "carrier": None}, speeds=motion)
+        assert result.torques_nm["ring"] == float(torque * F(ring, sun))
+        assert result.torques_nm["carrier"] == float(-torque * (1 + F(ring, sun)))
+        assert result.frame_torque_nm[0] == pytest.approx(0, abs=ROUNDING * 999 * float(torque))
+        if result.input_power_w:
+            assert balance(result) == pytest.approx(0, abs=ROUNDING)
+
+    def test_a_link_held_by_the_solver_needs_its_torque_named(self):
+        kinematics = solve_kinematics(Gearbox.from_mapping({"name": "box"} | PLANETARY), fixed=["ring"])
+        with pytest.raises(TorqueError, match=r'2 degrees of freedom.*as in torques=\{"ring": None\}'):
+            solve_torques(kinematics, {"sun": 27, "carrier": None})
+        result = solve_torques(kinematics, {"sun": 27, "carrier": None, "ring": None})
+        assert result.torques_nm == {"sun": 27.0, "carrier": -126.0, "ring": 99.0}
+        assert result.efficiency == 1.0
 
     def test_a_torque_on_a_planet(self):
         torques = {f"planet {k}": 12 for k in (1, 2, 3)}
@@ -164,7 +210,9 @@ class TestPowerThatPositionsDecide:
         # against all that, and together with the sun's torque nothing is left for the frame
         assert result.torques_nm == {"sun": 1.0, "arm": -2.0, "forearm": 2.0, "hand": -1.0}
         assert result.frame_torque_nm == (0.0, 0.0, 0.0)
-        _, hand = result.tooth_loads
+        sun, hand = result.tooth_loads
+        assert sun.absolute_power_w == pytest.approx(TURN, rel=1e-15)
+        assert hand.absolute_power_w is None
         assert hand.gearing_power_w == pytest.approx(TURN, rel=1e-15)
 
 
@@ -187,6 +235,17 @@ class TestLosses:
         assert result.efficiency == pytest.approx((1 + self.R) / (1 + self.R / eta0), rel=1e-14)
         assert [load.driver for load in result.at("sun-planet")] == ["planet 1", "planet 2", "planet 3"]
 
+    @pytest.mark.parametrize("torque", [27, -27])
+    def test_each_mesh_with_its_own_efficiency(self, torque):
+        parts = {"sun-planet": 0.97, "planet-ring": 0.99}
+        result = solve_torques(solved(RING_FIXED), {"sun": torque, "carrier": None}, mesh_efficiency=parts)
+        gearing = 27 * 99 / 126 * TURN
+        first, second = (0.03, 0.97 * 0.01) if torque > 0 else (1 / 0.97 - 1, (1 / 0.99 - 1) / 0.97)
+        # driven by the sun, the ring mesh receives 97 per cent; driving it, the sun mesh asks for 1/0.97
+        assert result.losses_w["sun-planet"] == pytest.approx(gearing * first, rel=1e-13)
+        assert result.losses_w["planet-ring"] == pytest.approx(gearing * second, rel=1e-13)
+        assert balance(result) == pytest.approx(0, abs=ROUNDING)
+
     def test_a_planetary_that_turns_as_a_block_loses_nothing(self):
         result = solve_torques(
             solved(PLANETARY),
@@ -198,11 +257,12 @@ class TestLosses:
         assert result.losses_w == {"sun-planet": 0.0, "planet-ring": 0.0}
         load = result.tooth_loads[0]
         assert (load.gearing_power_w, load.driver) == (0.0, None)
+        assert load.absolute_power_w == pytest.approx(9 * TURN, rel=1e-15)
 
     def test_a_train_at_rest_holds_without_power(self):
         result = solve_torques(solved(train((20, 50))), {"s0": 4, "s1": None}, speeds={"s0": 0}, mesh_efficiency=0.9)
         assert result.torques_nm["s1"] == 10
-        assert result.efficiency is None
+        assert (result.efficiency, result.circulating_ratio, result.gearing_ratio) == (None, None, None)
 
     def test_a_wolfrom_set_that_locks_itself(self):
         eta = 0.99
@@ -259,6 +319,7 @@ class TestDifferential:
         (crown,) = result.at("drive shaft-cage")
         assert crown.determinate
         assert crown.torques_nm == (-1.0, -5.0)
+        assert (result.circulating_ratio, result.gearing_ratio) == (None, None)
         assert result.efficiency == 1.0
         with pytest.raises(TorqueError, match='"left wheel-planet a": its load is indeterminate, and so is its loss'):
             solve_torques(kinematics, torques, speeds=speeds, mesh_efficiency=0.98)
@@ -281,10 +342,25 @@ class TestNelson:
         np.testing.assert_allclose(sun.carrier_torque_nm, [3 + 1, math.sqrt(3), 0], atol=1e-15)
         # relative to the carrier the ring turns at 3/8
         assert ring.gearing_power_w == pytest.approx(5 * 3 / 8 * TURN, rel=1e-15)
+        assert ring.absolute_power_w == pytest.approx(5 * TURN, rel=1e-15)
 
 
 class TestCirculatingPower:
     # Carrier 1, sun shaft 4, ring 2 at 1/7: the sun shaft brings back 4/(1/2) times what goes through.
+
+    def test_where_it_goes_round(self):
+        result = solve_torques(solved(COUPLED), {"carrier": None, "ring 2": -7})
+        assert result.torques_nm == {"carrier": 1.0, "ring 2": -7.0}
+        assert [(branch.link, branch.through, branch.torque_nm) for branch in result.branches] == [
+            ("carrier", ("sun 1-a", "a-ring 1"), 8.0),
+            ("carrier", ("sun 2-b", "b-ring 2"), -9.0),
+            ("sun 1", ("sun 1-a",), -2.0),
+            ("sun 1", ("sun 2-b",), 2.0),
+            ("ring 2", ("b-ring 2",), 7.0),
+        ]
+        np.testing.assert_allclose([branch.power_w / TURN for branch in result.branches], [8, -9, -8, 8, 1], rtol=1e-14)
+        assert result.circulating_ratio == pytest.approx(9, rel=1e-14)
+        assert result.gearing_ratio == pytest.approx(6, rel=1e-14)
 
     def test_losses_grow_with_it(self):
         down = solve_torques(solved(COUPLED), {"carrier": None, "ring 2": -7}, mesh_efficiency=0.99)
@@ -339,7 +415,7 @@ class TestShippedGearboxes:
                 tooth_load = abs(load.torques_nm[0] / teeth[load.mesh])
                 np.testing.assert_allclose(abs(multiplier), tooth_load, rtol=1e-9, atol=1e-10 * scale)
 
-    def test_power_balances(self, name):
+    def test_power_balances_as_a_whole_and_at_every_link(self, name):
         result = solve_torques(
             shipped(name),
             LOADED[name],
@@ -349,6 +425,13 @@ class TestShippedGearboxes:
         )
         assert balance(result) == pytest.approx(0, abs=ROUNDING)
         assert result.efficiency < 1
+        outside = {shipped(name).bodies[load.link]: load for load in result.external}
+        for link in {branch.link for branch in result.branches}:
+            given = [outside[link]] if link in outside else []
+            acting = [*given, *(branch for branch in result.branches if branch.link == link)]
+            for values in ([part.torque_nm for part in acting], [part.power_w for part in acting]):
+                if not np.isnan(values).any():
+                    assert sum(values) == pytest.approx(0, abs=ROUNDING * max(map(abs, values)))
 
 
 class TestForces:
@@ -397,6 +480,9 @@ class TestForces:
         assert along * base_m == pytest.approx(abs(torque), rel=1e-12)
         # the shift is a difference of involutes: rounding times 1 / tan^2 of the angle
         assert force.radial_n / force.tangential_n == pytest.approx(math.tan(math.radians(working)), rel=1e-9)
+
+    def test_losses_leave_the_force_of_the_driver(self):
+        assert self.force(module_mm=2, pressure_angle_deg=20, efficiency=0.9).tangential_n == pytest.approx(2000)
 
 
 def bearings(link, *places, takes_axial=(), **changes):
@@ -503,6 +589,30 @@ class TestBearingLoads:
             share = np.array([0, -round_n, radial_n]) * (1 if name == "s0" else -1)
             np.testing.assert_allclose(found[f"{name} 1"].radial_n, share * 0.7 - [0, 0, sign * tilt], rtol=1e-12)
             np.testing.assert_allclose(found[f"{name} 2"].radial_n, share * 0.3 + [0, 0, sign * tilt], rtol=1e-12)
+
+    @pytest.mark.parametrize("teeth", [(20, 50), (20, -50), (-50, 20)])
+    def test_the_thrust_depends_neither_on_shift_nor_on_the_side_of_the_pitch_point(self, teeth):
+        helix, working, normal = (math.radians(deg) for deg in (15, 24, 20))
+        transverse = math.atan(math.tan(normal) / math.cos(helix))
+        count = 70 if min(teeth) > 0 else -30
+        involutes = math.tan(working) - working - math.tan(transverse) + transverse
+        shift = count * involutes / (2 * math.tan(normal))
+        apart = abs(count) / math.cos(helix) * math.cos(transverse) / math.cos(working)
+        mesh = {"helix_angle_deg": 15, "hand": "right", "profile_shift": [shift, 0.0]}
+        result = assert_whole_box_balances(
+            placed(
+                teeth=teeth,
+                through=((0, 0, 0), (0, 0, apart)),
+                held=[bearings(f"s{k}", 0, 100, takes_axial=[1]) for k in range(2)],
+                **mesh,
+            ),
+            {"s0": 40, "s1": None},
+        )
+        reference_m = 1e-3 * abs(teeth[0]) / math.cos(helix)
+        assert result.bearing_loads[0].axial_n == pytest.approx(-40 / reference_m * math.tan(helix), rel=1e-12)
+        near, far = (np.array(load.radial_n) for load in result.bearing_loads[:2])
+        assert result.tooth_loads[0].forces.radial_n == pytest.approx(abs((near + far)[2]), rel=1e-12)
+        assert result.tooth_loads[0].forces.tangential_n == pytest.approx(abs((near + far)[1]), rel=1e-12)
 
     @given(
         teeth=st.tuples(st.integers(12, 90), st.integers(12, 90)),
@@ -688,11 +798,20 @@ class TestBalance:
         result = solve_torques(solved(placed()), {})
         assert [load.torques_nm for load in result.tooth_loads] == [(0.0, 0.0)]
         assert {load.radial_n for load in result.bearing_loads} == {(0.0, 0.0, 0.0)}
-        assert (result.input_power_w, result.efficiency) == (0.0, None)
+        assert (result.input_power_w, result.efficiency, result.circulating_ratio) == (0.0, None, None)
 
-    def test_power_through_one_body(self):
+    def test_power_through_one_body_takes_no_branch(self):
         table = {"frame": "h", "reference": "s0", "rigid": [["s0", "flange"]], "axes": {"main": ["h", "s0", "flange"]}}
         table["mesh"] = [{"teeth": {"s0": 20}, "carrier": "h"}]  # its mate is unknown
         result = solve_torques(solved(table), {"s0": 5, "flange": None})
         assert result.torques_nm == {"s0": 5.0, "flange": -5.0}
-        assert (result.tooth_loads, result.efficiency) == ((), 1.0)
+        assert (result.branches, result.efficiency) == ((), 1.0)
+        assert (result.circulating_ratio, result.gearing_ratio) == (0.0, 0.0)
+
+    @pytest.mark.parametrize("speed", [1, -3])
+    def test_power_follows_the_speed(self, speed):
+        result = solve_torques(solved(TRAIN), {"s0": 4, "s2": None}, speeds={"s2": speed}, mesh_efficiency=0.9)
+        # 4 N m at 6.25 turns; backwards the input brakes, and the output has to overcome the losses
+        given, taken = (4, 4 * 0.9**2) if speed > 0 else (4 / 0.9**2, 4)
+        assert result.input_power_w == pytest.approx(given * 6.25 * abs(speed) * TURN, rel=1e-14)
+        assert result.output_power_w == pytest.approx(taken * 6.25 * abs(speed) * TURN, rel=1e-14)

@@ -308,9 +308,9 @@ def test_attributes_of_an_hdf5_file(tmp_path):
         file["run"].attrs.update({"sample_rate": 25.6e3, "start_time": "2026-03-01T14:00:00+02:00"})
         file["run/DE"].attrs.update({"units": "V", "sensitivity": 100.0, "sensitivity_units": "mV/g"})
         file["run/ND"].attrs.update({"units": "g", "gain": 10.0})
-    with pytest.warns(RecordWarning, match="sensitivity=100, which is not applied"):
-        record = convert(tmp_path / "a.h5", channels=["run.DE"], **NOMINAL)
+    record = convert(tmp_path / "a.h5", channels=["run.DE"], **NOMINAL)
     assert (record.attrs["rate_hz"], record.attrs["recorded_at"]) == (25600.0, "2026-03-01T12:00:00Z")
+    assert (record["run.DE"].attrs["sensitivity"], record["run.DE"].attrs["measures"]) == (0.1, "g")
     with pytest.warns(RecordWarning, match="gain=10, which is not applied"):
         assert "gain=10" in convert(tmp_path / "a.h5", channels=["run.ND"], **NOMINAL).attrs["notes"]
 

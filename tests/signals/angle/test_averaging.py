@@ -2,10 +2,12 @@
 
 from fractions import Fraction
 
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 
-from signals.angle.averaging import synchronous_average
+from signals.angle.averaging import RunningAverage, synchronous_average
 from signals.resampling.resampling import AngularSignal
 
 PER_REV = 256
@@ -107,3 +109,42 @@ class TestOtherShafts:
     def test_too_few_revolutions_are_counted(self, ratio, revolutions):
         with pytest.raises(ValueError, match=r"holds \d whole revolutions of the shaft.*are needed; record longer"):
             synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio, revolutions=revolutions)
+
+
+class TestRunningAverage:
+    @hypothesis.given(
+        cuts=st.lists(st.integers(0, 640), max_size=12), mean=st.sampled_from([0.0, 1e6]), seed=st.integers(0, 9)
+    )
+    def test_where_the_record_is_cut_changes_nothing(self, cuts, mean, seed):
+        values = mean + np.random.default_rng(seed).standard_normal(640)
+        running = RunningAverage(samples_per_rev=16)
+        for piece in pieces(values, cuts):
+            running.update(piece)
+        found = running.average()
+        rows = values.reshape(40, 16)
+        assert found.revolutions == 40
+        # a few roundings of the largest value
+        np.testing.assert_allclose(found.values, rows.mean(axis=0), rtol=1e-15 * 4, atol=1e-12 if mean == 0 else 0)
+        expected = rows.std(axis=0, ddof=1) / np.sqrt(40)
+        np.testing.assert_allclose(found.standard_error, expected, rtol=1e-12 if mean == 0 else 1e-8)
+
+    def test_averages_of_parts_join(self):
+        values = np.random.default_rng(5).standard_normal(50 * 16)
+        left = RunningAverage(samples_per_rev=16, passband_orders=7.5)
+        right = RunningAverage(samples_per_rev=16, passband_orders=7.0)
+        left.update(values[: 13 * 16])
+        right.update(values[13 * 16 :])
+        left.merge(right)
+        left.merge(RunningAverage(samples_per_rev=16))  # one that has seen nothing adds nothing
+        whole = synchronous_average(
+            AngularSignal(values=values, samples_per_rev=16, start_rev=0.0, passband_orders=7.0)
+        )
+        np.testing.assert_allclose(left.average().values, whole.values, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(left.average().standard_error, whole.standard_error, rtol=1e-12)
+        assert left.average().passband_orders == 7.0  # of both
+
+    def test_no_average_before_a_revolution(self):
+        running = RunningAverage(samples_per_rev=4)
+        running.update([1.0, 2, 3])
+        with pytest.raises(ValueError, match="only 3 of the 4 samples"):
+            running.average()

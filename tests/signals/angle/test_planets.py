@@ -16,7 +16,7 @@ PER_TOOTH = 16
 WINDOWS = [
     PassWindow.rectangular(5),
     PassWindow.hann(5),
-    PassWindow(width_teeth=6, taper_teeth=2),
+    PassWindow.tukey(6, taper_teeth=2),
     PassWindow.hann(4.5),
 ]
 
@@ -67,11 +67,17 @@ def silence(tooth):
 class TestTeeth:
     @pytest.mark.parametrize("teeth", [TEETH, HUNTING, PlanetaryTeeth(ring=93, planet=21, sun=51, planets=8)])
     def test_the_sequence_is_that_of_turning_tooth_by_tooth(self, teeth):
-        # the mesh goes on by one tooth of ring, planet and sun at once; a tooth is again at the sensor after the reset
-        for gear, reset in ((teeth.planet, teeth.planet_reset), (teeth.sun, teeth.sun_reset)):
-            at_sensor = [mesh % gear for mesh in range(0, teeth.ring * reset, teeth.ring)]
-            assert len(set(at_sensor)) == reset
-            assert teeth.ring * reset % gear == 0
+        # the mesh goes on by one tooth of ring, planet and sun at once
+        planet, sun = [], []
+        for mesh in range(teeth.ring * max(teeth.planet_reset, teeth.sun_reset)):
+            if mesh % teeth.ring == 0:
+                planet.append(mesh % teeth.planet)
+                sun.append(mesh % teeth.sun)
+        assert teeth.planet_sequence == tuple(planet[: teeth.planet_reset])
+        assert teeth.sun_sequence == tuple(sun[: teeth.sun_reset])
+        assert len(set(teeth.planet_sequence)) == teeth.planet_reset  # none twice before the reset
+        assert teeth.planet_reset * teeth.ring % teeth.planet == 0
+        assert teeth.sun_reset * teeth.ring % teeth.sun == 0
 
     @pytest.mark.parametrize(
         ("wrong", "sentence"),
@@ -95,8 +101,8 @@ class TestWindow:
             (PassWindow.rectangular(5), 5),
             (PassWindow.hann(2), 1),
             (PassWindow.hann(5), 2.5),
-            (PassWindow(width_teeth=5, taper_teeth=1), 4),
-            (PassWindow(width_teeth=6, taper_teeth=2), 4),
+            (PassWindow.tukey(5, taper_teeth=1), 4),
+            (PassWindow.tukey(6, taper_teeth=2), 4),
         ],
     )
     def test_one_tooth_apart_they_add_up_to_the_same_everywhere(self, window, total):
@@ -106,7 +112,7 @@ class TestWindow:
 
     def test_a_taper_must_fit(self):
         with pytest.raises(ValueError, match=r"taper_teeth=3 must lie between 0 and 2\.5"):
-            PassWindow(width_teeth=5, taper_teeth=3)
+            PassWindow.tukey(5, taper_teeth=3)
 
 
 class TestPlanet:

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from signals.resampling.angular_stream import AngularStream
 from signals.resampling.resampling import (
     AngularSignal,
     angular_resample,
@@ -192,6 +193,9 @@ class TestFallingAngles:
         assert rms((found.values - np.cos(9 * found.angle_rad))[inside]) * np.sqrt(2) < 2e-6  # the claim for a tone
         rising = angular_resample(x, phase=pulsed_phase, **settings)
         np.testing.assert_allclose(found.values, rising.values, rtol=0, atol=ROUNDING)
+        stream = AngularStream(phase=falling, **settings)
+        streamed = np.concatenate([stream.push(x).values, stream.finish().values])
+        np.testing.assert_allclose(streamed, found.values, rtol=0, atol=ROUNDING)
         back = time_resample(found, phase=falling, rate_hz=20_000.0)
         forth = time_resample(found, phase=pulsed_phase, rate_hz=20_000.0)
         np.testing.assert_allclose(back.values, forth.values, rtol=0, atol=ROUNDING)
@@ -205,6 +209,8 @@ class TestFallingAngles:
         )
         with pytest.raises(ValueError, match=words):
             angular_resample(np.ones(5001), rate_hz=1000.0, phase=phase, samples_per_rev=16)
+        with pytest.raises(ValueError, match=words):
+            AngularStream(rate_hz=1000.0, phase=phase, samples_per_rev=16)
 
 
 class TestRests:
@@ -245,8 +251,10 @@ class TestRests:
             # 32 steps of the grid hold at least 128 samples, so what the rest bends is a filter's width away
             assert np.abs(part.values - np.cos(3 * part.angle_rad))[inside].max() < 1e-5
 
-    def test_on_the_way_back(self):
+    def test_in_a_stream_and_on_the_way_back(self):
         phase = self.phase(32.5)
+        with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*resample x\[:6801\]"):
+            AngularStream(rate_hz=self.RATE, phase=phase, samples_per_rev=32)
         signal = AngularSignal(values=np.ones(40 * 32), samples_per_rev=32, start_rev=0.0, passband_orders=14.0)
         with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*parts before and after separately"):
             time_resample(signal, phase=phase, rate_hz=1000.0)

@@ -70,8 +70,21 @@ class TestWhichEdge:
         down = 0.3 * (1 - np.arccos(1 - 2 * falling.threshold) / (2 * np.pi))
         np.testing.assert_allclose(falling.times_s, expected(down), rtol=0, atol=5e-3 / RATE_HZ)
 
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_the_sharper_edge(self, turn, sign):
+        # steep at 0, slow back by 0.5
+        wave = sign * np.where(turn < 0.02, turn / 0.02, np.clip(1 - (turn - 0.02) / 0.48, 0, None))
+        train = pulse_times(wave, rate_hz=RATE_HZ, edge="auto")
+        assert train.edge == ("rising" if sign > 0 else "falling")
+        np.testing.assert_allclose(np.sort(train.times_s % (1 / SPEED_HZ))[[0, -1]], 0.01 / SPEED_HZ, atol=1e-5)
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_of_equal_edges_the_one_that_opens_the_narrower_side(self, turn, sign):
+        train = pulse_times(sign * np.where(turn < 0.2, 1.0, 0.0), rate_hz=RATE_HZ, edge="auto")
+        assert train.edge == ("rising" if sign > 0 else "falling")
+
     def test_no_such_edge(self, turn):
-        with pytest.raises(ValueError, match="edge='rise' is unknown; it must be one of rising, falling"):
+        with pytest.raises(ValueError, match="edge='rise' is unknown; it must be one of rising, falling, auto"):
             pulse_times(turn, rate_hz=RATE_HZ, edge="rise")
 
 
