@@ -96,7 +96,7 @@ BUDGETS = """
     all code lines                                            48791  39547  33500
     all modules                                                 345    281    240
     all constants                                              1492    917    750
-    tests                                                     35938  26678  23000
+    tests                                                     35938  26555  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

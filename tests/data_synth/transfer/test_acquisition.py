@@ -105,6 +105,7 @@ def stated_response(record, frequency_hz):
 def test_lines_pass_the_chain_and_the_truth_says_so():
     plain, chained = record(), record(**LINEAR)
     assert chained["a"].attrs["units"] == chained["truth_amplitude"].attrs["units"] == "V"
+    assert (chained["a"].attrs["sensitivity"], chained["a"].attrs["measures"]) == (-0.1, "g")
     expected = oracle(25 * plain["truth_order"].values)
     assert_allclose(stated_response(chained, 25 * plain["truth_order"].values), expected, rtol=1e-9)
     assert_allclose(
