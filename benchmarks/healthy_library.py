@@ -29,6 +29,7 @@ from data_synth import Scene, simulate
 from hums import AnalysisError, AnalysisSettings, analyze, findings_table, summary
 from hums.analysis.result import group
 from hums.gearbox.components import Bearing, frozen
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox, load_gearbox
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -295,11 +296,13 @@ def strengths(number: int, *, held_out: bool, deviations: bool = False) -> dict[
         except AnalysisError as error:
             return of | {"rows": [], "named": [], "notes": [], "refused": str(error)}
     rows = [
-        (str(kind), float(value), str(hidden), str(verdict))
+        (str(kind), max(0.0, float(score)) if kind in BEARING_KINDS else float(strength), str(hidden), str(verdict))
         for name in ("findings", "verdicts")
-        for kind, value, hidden, verdict in zip(
-            *(group(analysis, name)[key].to_numpy() for key in ("kind", "strength", "doubts", "verdict")), strict=True
+        for kind, strength, score, hidden, verdict in zip(
+            *(group(analysis, name)[key].to_numpy() for key in ("kind", "strength", "score", "doubts", "verdict")),
+            strict=True,
         )
+        if math.isfinite(strength) or kind not in BEARING_KINDS
     ]
     named = findings_table(analysis)
     return of | {
@@ -398,21 +401,22 @@ def main() -> None:
     """Make the library and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=1000)
-    parser.add_argument("--deviations", type=int, default=900, help="records of which half have pitch deviations")
+    parser.add_argument("--deviations", type=int, default=900, help="records of which half have pitch deviations, or 0")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write what every record showed here")
     given = parser.parse_args()
+    learned = json.loads(SHIPPED.read_text(encoding="utf-8"))
     shown = judged(every(range(given.records), held_out=False, jobs=given.jobs))
+    if shown:
+        learned["bearings"] = distribution(shown, lambda kind: kind != "tooth")
     numbers = [
         number
         for number in range(given.deviations)
         if "gears" in table(number, held_out=False, deviations=True)[0]["imperfections"]
     ]
     deviating = judged(every(numbers, held_out=False, jobs=given.jobs, deviations=True))
-    learned = {
-        "bearings": distribution(shown, lambda kind: kind != "tooth"),
-        "teeth": distribution(deviating, lambda kind: kind == "tooth"),
-    }
+    if deviating:
+        learned["teeth"] = distribution(deviating, lambda kind: kind == "tooth")
     SHIPPED.write_text(json.dumps(learned) + "\n", encoding="utf-8")
     if given.json:
         given.json.write_text(json.dumps([*shown, *deviating]), encoding="utf-8")

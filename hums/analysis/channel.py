@@ -13,11 +13,13 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.analysis.detection import LEAKAGE_SHARE, LineAssessor
-from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence, load_spacings
+from hums.analysis.combs import Setting
+from hums.analysis.detection import LEAKAGE_SHARE, single_probability
+from hums.analysis.evidence import BandEvidence, PartEvidence, bearing_evidence, load_spacings
 from hums.analysis.expected_lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
+    TOOTH_KINDS,
     ExpectedLine,
     MeasuredLine,
     envelope_sidebands,
@@ -37,7 +39,6 @@ from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
     IN_TIME,
-    LEAST_STRENGTH,
     MAINS_ACCURACY,
     MAINS_HARMONICS,
     MAINS_HZ,
@@ -46,6 +47,7 @@ from hums.analysis.thresholds import (
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_catalogue import BearingOrders
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope import bank_bands, bank_envelopes, level_normalised
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth
@@ -484,7 +486,7 @@ class _Envelope:
     lines: list[MeasuredLine]
     out_of_range: list[ExpectedLine]
     level: float
-    reach: float = 0.0  # of all bands
+    reach: float  # of all bands
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -587,14 +589,17 @@ def _assessed_envelopes(
     name, units = segments[0].name, segments[0].units
     if not envelopes.bands:
         return None, (), (), ""
-    assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
-    found: list[_Envelope] = []
+    bearings = {bearing.name: bearing for bearing in machine.bearings}
+    found: dict[tuple[float, float], tuple[float, AmplitudeSpectrum]] = {}
     seen: list[BandEvidence] = []
-    for band in envelopes.bands:
-        level, spectrum = envelopes.spectrum(band)
-        lines, out_of_range = search(
+
+    def searched(
+        band: tuple[float, float], wanted: Iterable[ExpectedLine]
+    ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
+        level, spectrum = found[band]
+        return search(
             spectrum,
-            expected,
+            wanted,
             channel=name,
             units=units,
             level=level,
@@ -602,32 +607,43 @@ def _assessed_envelopes(
             background_width=width,
             seen=settings.false_alarm_probability,
         )
-        chosen = EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple))
-        found.append(_Envelope(band=chosen, spectrum=spectrum, lines=lines, out_of_range=out_of_range, level=level))
+
+    for band in envelopes.bands:
+        level, spectrum = found[band] = envelopes.spectrum(band)
+        lines, _ = searched(band, (line for line in expected if line.kind in BEARING_KINDS))
         peaks = spectral_peaks(spectrum, ratio=PEAK_RATIO)
+        heard = slice(None) if level > 0 else slice(0)  # an envelope of zeros has no depths
         seen.append(
             BandEvidence(
                 band_hz=band,
-                lines=assessor.assess(lines),
-                orders=peaks.position,
-                depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
-                backgrounds=peaks.background / level if level > 0 else np.zeros(peaks.position.size),
+                lines=lines,
+                orders=peaks.position[heard],
+                depths=peaks.amplitude[heard] / level,
+                backgrounds=peaks.background[heard] / level,
                 bin_width=spectrum.bin_width,
-                line_probability=assessor.single_probability(lines),
+                line_probability=single_probability(lines, settings.false_alarm_probability),
             )
         )
-    evidence, undrawn = bearing_evidence(seen, assessor.bearings, setting_of(machine))
+    evidence, undrawn = bearing_evidence(seen, bearings, setting_of(machine))
     if len(segments) > 1:
-        evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
+        evidence = _unresolved(evidence, expected, spectrum.resolution)
     if segments[0].parts_per_turn == 1 and machine.separates_time_from_angle:
         evidence = [_unless_in_time(part, longest) for part in evidence]
-    strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
-    place = 0
+    strongest = max(evidence, key=lambda part: (not part.hidden_by, part.score), default=None)
+    band = envelopes.bands[0]
     if strongest is not None and strongest.strength > 0:
-        place = [band.band_hz for band in seen].index((strongest.band_low_hz, strongest.band_high_hz))
-    best = found[place]
-    reach = max(float(one.spectrum.axis[-1]) for one in found)
-    best = replace(best, band=_explained(best.band, strongest, searches), reach=reach)
+        band = (strongest.band_low_hz, strongest.band_high_hz)
+    lines, out_of_range = searched(band, expected)
+    level, spectrum = found[band]
+    chosen = EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple))
+    best = _Envelope(
+        band=_explained(chosen, strongest, searches),
+        spectrum=spectrum,
+        lines=lines,
+        out_of_range=out_of_range,
+        level=level,
+        reach=max(float(one.axis[-1]) for _, one in found.values()),
+    )
     return best, tuple(seen), tuple(evidence), undrawn
 
 
@@ -645,14 +661,14 @@ def _unresolved(
             if (other.component, other.kind) != own
             and abs(orders[other.component, other.kind] - orders[own]) < resolution
         ]
-        strength = max([part.strength, *(other.strength for other in near)])
-        if near and strength > 0 and not part.hidden_by:
+        score = max([part.score, *(other.score for other in near)])
+        if near and score > 0 and not part.hidden_by:
             other, order = near[0], orders[near[0].component, near[0].kind]
             why = (
                 f"segments this short resolve {resolution:.2g} orders, and {other.kind.replace('_', ' ')} of "
                 f"{other.component}, at {order:.3f}, is closer than that to {orders[own]:.3f}"
             )
-            found.append(replace(part, hidden_by=why, strength=strength))
+            found.append(replace(part, hidden_by=why, score=score))
         else:
             found.append(part)
     return found
@@ -660,7 +676,7 @@ def _unresolved(
 
 def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
     """Return the evidence for a component, masked if its line is constant in frequency, not in order."""
-    if part.hidden_by or part.strength < 3 * LEAST_STRENGTH:  # half of the least that names a part in minutes
+    if not part.shows:
         return part
     band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
     highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))
@@ -706,10 +722,10 @@ def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:
 
 
 def setting_of(machine: Machine) -> Setting:
-    """Return the sources in the machine that explain lines of an envelope."""
-    speeds = machine.speeds_hz
+    """Return the sources in the machine that explain lines of an envelope: shafts, and teeth of planets."""
+    speeds, turning = machine.speeds_hz, {"shaft", *TOOTH_KINDS}
     return Setting(
-        shafts=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0})),
+        shafts=tuple(sorted({round(row.order, 9) for row in machine.defect_orders if row.kind in turning} - {0.0})),
         speed_hz=float(speeds.mean()),
         speed_range_hz=float(np.ptp(speeds)),
         measured=not machine.phase.nominal,

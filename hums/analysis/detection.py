@@ -61,10 +61,6 @@ class LineAssessor:
     false_alarm_probability: float
     healthy_spacings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
-    def single_probability(self, lines: Sequence[MeasuredLine]) -> float:
-        """Return the false-alarm probability of one line among these below which it is detected."""
-        return -math.expm1(math.log1p(-self.false_alarm_probability) / _searches(lines))
-
     def assess(self, lines: Sequence[MeasuredLine]) -> list[AssessedLine]:
         """Return whether each line is significant, or which stronger line explains it, in the given order."""
         searches = _searches(lines)
@@ -161,6 +157,11 @@ class LineAssessor:
         if same and not is_support(weaker) and times > RIVAL_FACTOR:
             return f"hidden by {name}, {times:.0f} times as large"
         return ""
+
+
+def single_probability(lines: Sequence[MeasuredLine], of_record: float) -> float:
+    """Return the false-alarm probability of one line among these below which it is detected."""
+    return -math.expm1(math.log1p(-of_record) / _searches(lines))
 
 
 def _searches(lines: Iterable[MeasuredLine]) -> int:

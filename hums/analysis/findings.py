@@ -22,12 +22,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hums.analysis.evidence import PartEvidence, strength
+from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
     FAULTY_DEPTH,
     JUDGED_DEPTH,
-    LEAST_STRENGTH,
     RIVAL_FACTOR,
     SELDOM_SOUND,
     SLIP_SCATTER,
@@ -74,6 +73,7 @@ class Finding:
     amplitude: float = math.nan
     units: str = ""
     strength: float = math.nan
+    score: float = math.nan
     depth: float = math.nan
     doubts: str = ""
     severity: str = _UNKNOWN
@@ -90,7 +90,7 @@ def findings(every: Sequence[Finding]) -> list[Finding]:
         key=lambda one: (
             one.verdict != DIAGNOSED,
             one.kind not in BEARING_KINDS,
-            -(one.strength if math.isfinite(one.strength) else one.snr),
+            -(one.score if math.isfinite(one.score) else one.snr),
         ),
     )
 
@@ -162,7 +162,7 @@ def bearing_verdicts(
             continue
         tried = evidence, faulty, library, len(parts), false_alarm_probability
         judged = [_bearing_verdict(part, *tried) for part in sound]
-        results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.strength)))
+        results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.score)))
     return _with_equal_bearings(results, {(part.component, part.kind): part.order for part in evidence})
 
 
@@ -173,7 +173,7 @@ def _with_equal_bearings(results: Sequence[Finding], orders: Mapping[tuple[str, 
     judged.
     """
     stronger: dict[tuple[str, float], Finding] = {}
-    for one in sorted(results, key=lambda one: (RANK[one.verdict], -one.strength)):
+    for one in sorted(results, key=lambda one: (RANK[one.verdict], -one.score)):
         stronger.setdefault((one.kind, round(orders[one.component, one.kind], 9)), one)
     made = []
     for one in results:
@@ -242,12 +242,12 @@ def _bearing_verdict(
 ) -> Finding:
     """Return the verdict on one kind of defect of a bearing, one of `searches`, by its line in one channel."""
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
-    others = [one.strength for one in rivals if (one.component, one.kind) == (part.component, part.kind)]
+    others = [one.score for one in rivals if (one.component, one.kind) == (part.component, part.kind)]
     tested: Any = {"parts": searches, "others": others}
-    probability = library.probability(part.strength, **tested)
-    needed = max(LEAST_STRENGTH, library.strength_at(stated, **tested))
+    probability = library.probability(part.score, **tested)
+    needed = library.strength_at(stated, **tested)
     shown = max(probability, RAREST_STATED)
-    if probability > stated or part.strength < LEAST_STRENGTH:
+    if probability > stated:
         return _unnamed(part, shown, needed)
     if part.hidden_by:
         least_change = "indicated if no other line explained it"
@@ -263,11 +263,13 @@ def _bearing_verdict(
 def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
     """Return why a line that few healthy machines show is no evidence for its part, and what would change that.
 
-    A much larger line of the same bearing leaves traces at the orders of its other parts. The source of a stronger line
-    that the drawing does not explain may cause this one as well. Similar lines of both races, below `RIVAL_FACTOR`
-    times `FAULTY_DEPTH`, are what a rough bearing or a damaged element causes.
+    A much larger line of the same bearing leaves traces at the orders of its other parts. Similar lines of both races,
+    below `RIVAL_FACTOR` times `FAULTY_DEPTH`, are what a rough bearing or a damaged element causes.
     """
     rivals = _rivals(part, others)
+    if part.kind == "cage" and any(rival.score > part.score for rival in rivals):
+        why = "other parts of the bearing have lines: the cage's rate, at which unequal elements modulate these"
+        return _hidden(why), "indicated, if it were the only part of its bearing with a line"
     larger = max(rivals, key=lambda rival: rival.depth, default=None)
     if larger is not None and larger.depth > RIVAL_FACTOR * part.depth and larger.strength > part.strength:
         why = (
@@ -276,9 +278,6 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
         )
         least = larger.depth / RIVAL_FACTOR
         return _hidden(why), f"indicated at a modulation of {least:.1%} or more (now {part.depth:.1%})"
-    if part.other_strength > strength([part.depth], part.snr) and not _is_known(part, others):
-        why = f"the unexplained line at {part.other_order:.3f} orders is stronger ({part.other_depth:.1%})"
-        return _hidden(why), "indicated, if that line were weaker than its own"
     clear = RIVAL_FACTOR * FAULTY_DEPTH
     if part.depth >= clear:
         return None
@@ -292,16 +291,6 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
             )
             return _hidden(why), least_change
     return None
-
-
-def _is_known(part: PartEvidence, others: Sequence[PartEvidence]) -> bool:
-    """Whether the strongest line that a part does not explain is that of another part, or a harmonic of one."""
-    return any(
-        abs(part.other_order - multiple * other.found) <= multiple * other.bin_width
-        for other in others
-        if other.strength > 0 and not other.hidden_by
-        for multiple in (1, 2, 3)
-    )
 
 
 def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
@@ -357,7 +346,10 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
     return [
         other
         for other in others
-        if other.component == part.component and other.kind != part.kind and other.strength >= LEAST_STRENGTH
+        if other.component == part.component
+        and other.kind not in {part.kind, "cage"}
+        and other.strength > 0
+        and not other.hidden_by
     ]
 
 
@@ -365,7 +357,7 @@ def _changes(
     part: PartEvidence, rivals: Sequence[PartEvidence], doubts: Sequence[str], needed: float
 ) -> list[tuple[float, str]]:
     """Return changes that would alter the verdict on a named part, each with its factor; inf if it has none."""
-    lost = [(part.strength / needed, f"nothing found below a strength of {needed:.3g} (now {part.strength:.3g})")]
+    lost = [(part.score / needed, f"nothing found below a score of {needed:.3g} (now {part.score:.3g})")]
     if len(doubts) == 1:
         if part.depth < FAULTY_DEPTH:
             deeper = f"diagnosed at a modulation of {FAULTY_DEPTH:.0%} or more (now {part.depth:.1%})"
@@ -433,16 +425,15 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             if math.isfinite(longer)
             else "judged in a band that has power",
         )
-    masking, least = (part.depth, JUDGED_DEPTH) if part.strength else (part.unsure_depth, FAULTY_DEPTH)
-    if masking > least and (part.hidden_by or not part.strength):
-        why = f"too short or too noisy: a line at its order, of noise or damage, modulates a band by {masking:.0%}"
+    if part.unsure_depth > FAULTY_DEPTH:
+        why = f"a line at its order, of noise or damage, modulates a band by {part.unsure_depth:.0%}"
         if part.hidden_by:
-            why = f"{_hidden(part.hidden_by)}; it modulates a band by {masking:.0%} and may mask damage"
-        return _not_judged(part, why, least_change=f"nothing found with that line below {least:.0%}")
+            why = f"{_hidden(part.hidden_by)}; it modulates a band by {part.unsure_depth:.0%} and may mask damage"
+        return _not_judged(part, why, least_change=f"nothing found with that line below {FAULTY_DEPTH:.0%}")
     seen = f"{healthy_share_words(probability)} records of healthy machines show as much"
-    if probability <= SELDOM_SOUND and part.strength >= LEAST_STRENGTH and not part.hidden_by:
+    if probability <= SELDOM_SOUND and not part.hidden_by:
         why = f"a line at its order modulates a band by {part.depth:.1%}: {seen}, too few to call it sound"
-        least_change = f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})"
+        least_change = f"indicated at a score of {needed:.3g} or more (now {part.score:.3g})"
         step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
         return _not_judged(part, why, probability=probability, least_change=least_change, next_step=step)
     if part.undrawn:
@@ -450,10 +441,8 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"judged up to {blind:.2g} times as much background noise")]
-    if part.strength > 0:
-        changes.append(
-            (needed / part.strength, f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})")
-        )
+    if part.score > 0:
+        changes.append((needed / part.score, f"indicated at a score of {needed:.3g} or more (now {part.score:.3g})"))
     low_hz, high_hz = part.inspected_hz
     return replace(
         _blank(part),
@@ -488,6 +477,7 @@ def _blank(part: PartEvidence) -> Finding:
         amplitude=part.amplitude,
         units=part.units,
         strength=part.strength,
+        score=part.score,
         depth=part.depth,
     )
 

@@ -235,7 +235,7 @@ def _declaration(channels: Sequence[AnalysedChannel], machine: Machine, settings
         return Declaration(contradiction=machine.source.contradiction)
     sound = [one for one in channels if not one.faulty]
     spectra = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in sound]
-    damaged = [part.found for one in sound for part in one.evidence if part.strength > 0 and not part.hidden_by]
+    damaged = [part.found for one in sound for part in one.evidence if part.shows]
     return judged_declaration(spectra, machine, slip=settings.slip, damaged=damaged)
 
 

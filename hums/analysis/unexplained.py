@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.signal.windows import blackmanharris
 from scipy.special import bdtrc
 
-from hums.analysis.evidence import Setting, mains_multiples
+from hums.analysis.combs import Setting, mains_multiples
 from hums.analysis.thresholds import APART_BINS, MATCH_BINS, SHAFT_MULTIPLES, STRANGE_FACTOR, UNEXPLAINED_RATIO
 from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder
 from signals.spectra.peaks import spectral_peaks
