@@ -29,12 +29,14 @@ from numpy.typing import NDArray
 
 from hums.analysis.thresholds import (
     EXACT_BINS,
+    IMPACT_HARMONICS,
     LEAST_STRENGTH,
     MAINS_ACCURACY,
     MAINS_HARMONICS,
     MAINS_HZ,
     MATCH_BINS,
     PEAK_RATIO,
+    SHAFT_MULTIPLES,
     SLIP_SCATTER,
     STEADY_SPEED,
     TRUSTED_SNR,
@@ -48,9 +50,7 @@ FUNDAMENTAL, HARMONIC, SIDEBAND, MULTIPLE = 0.95, 0.6, 0.4, 0.5
 harmonic, and multiples of a shaft, of the mains or of another machine."""
 
 _HARMONICS = 5  # of a part
-_EXPLAINED_HARMONICS = 10  # of a source, that its comb explains, with their sidebands
 _EXPLAINED_SIDEBANDS = 3
-_MULTIPLES = 30  # of a shaft's order, that impacts once per revolution cause
 _FEWEST_MULTIPLES = 10
 _COUNTED = 0.25  # of the depth of the line in question, from which on a peak counts
 _SPAN = 1.6  # factor in order on either side, in which the density of peaks is counted
@@ -165,18 +165,18 @@ class Peaks:
         ratios = np.max(self.depths / self.backgrounds * at, axis=1)
         return strength([self.depths[peak], *depths[1:]], float(np.hypot.reduce(ratios)))
 
-    def defect(self, name: str, order: float, spacings: Sequence[float]) -> _Comb:
-        """Return the comb of damage that strikes at an order, modulated at some rates."""
-        harmonics = np.arange(1.0, _HARMONICS + 1)
+    def defect(self, name: str, order: float, spacings: Sequence[float], count: int = _HARMONICS) -> _Comb:
+        """Return the comb of damage that strikes at an order, with so many harmonics, modulated at some rates."""
+        harmonics = np.arange(1.0, count + 1)
         apart = [one for one in spacings if one > 2 * self.width]
         sides = [(k * order + side * one, k) for one in apart for k in (1, 2) for side in (-1, 1)]
         places = np.array([*(harmonics * order), *(place for place, _ in sides)])
-        shares = np.array([FUNDAMENTAL, *[HARMONIC] * (_HARMONICS - 1), *[SIDEBAND] * len(sides)])
+        shares = np.array([FUNDAMENTAL, *[HARMONIC] * (count - 1), *[SIDEBAND] * len(sides)])
         widths = self.width * np.sqrt([*harmonics, *(k for _, k in sides)])
         return _Comb(name, places, shares, widths, self.explained(order, apart, self.width))
 
     def explained(
-        self, order: float, spacings: Sequence[float], width: float | Numbers, most: float = _EXPLAINED_HARMONICS
+        self, order: float, spacings: Sequence[float], width: float | Numbers, most: float = IMPACT_HARMONICS
     ) -> Mask:
         """Return which peaks are harmonics of an order, up to a number, or sidebands of these."""
         own = np.zeros(self.orders.size, dtype=bool)
@@ -265,14 +265,16 @@ def _claim(peaks: Peaks, key: Key, lines: Mapping[Key, int], parts: Mapping[Key,
     own = peaks.evidence(peaks.defect("", order, part.spacings), depth)
     about = _DEPTH_WEIGHT * math.log(max(strong / LEAST_STRENGTH, 1.0)) - abs(order / part.order - 1) / SLIP_SCATTER
     rivals = _rivals(peaks, key, lines, parts, setting) if own + about > 0 else ()
-    most, name = max(((peaks.evidence(comb, depth) - cost, comb.name) for comb, cost in rivals), default=(0.0, ""))
+    most, name = max(
+        ((peaks.evidence(comb, depth) - cost, comb.name) for comb, cost in rivals), default=(-math.inf, "")
+    )
     return Claim(
         found=order,
         depth=depth,
         snr=depth / float(peaks.backgrounds[peak]),
         strength=strong,
         score=own + about - max(0.0, most),
-        explained_by=name if most > own else "",
+        explained_by=name if most >= own else "",
     )
 
 
@@ -286,17 +288,18 @@ def _rivals(
     for shaft in setting.shafts:
         multiple = round(order / shaft)
         if shaft > 2 * width and multiple and abs(order - multiple * shaft) <= exact:
-            count = min(max(_FEWEST_MULTIPLES, multiple), _MULTIPLES)
+            count = min(max(_FEWEST_MULTIPLES, multiple), SHAFT_MULTIPLES)
             yield peaks.multiples(f"it is {multiple} times the order {shaft:.4g} of a shaft", shaft, count, exact), 0.0
     for mains_hz, (multiple,) in mains_multiples(np.array([order]), setting, width / 2 * setting.speed_hz):
         if multiple and mains_hz > 4 * width * setting.speed_hz:
             name = f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains_hz:g} Hz"
-            yield peaks.multiples(name, mains_hz / setting.speed_hz, max(4, int(multiple)), width), 0.0
+            yield peaks.defect(name, float(order), ()), 0.0
     for other, line in lines.items():
         if other == key or abs(peaks.orders[line] - order) <= peaks.bin_width or peaks.depths[line] < depth / 2:
             continue
         spacings = parts[other].spacings + (parts[other].traces if other[0] == key[0] else ())
-        comb = peaks.defect(f"it belongs to the lines of {_words(other)}", float(peaks.orders[line]), spacings)
+        name = f"it belongs to the lines of {_words(other)}"
+        comb = peaks.defect(name, float(peaks.orders[line]), spacings, IMPACT_HARMONICS)
         if comb.own[peak]:
             yield comb, 0.0
     yield from _unknown(peaks, peak, setting)
@@ -312,12 +315,13 @@ def _unknown(peaks: Peaks, peak: int, setting: Setting) -> Iterator[tuple[_Comb,
     for spacing in (0.0, *(shaft for shaft in setting.shafts if shaft > 4 * width)):
         sides = (-2, -1, 1, 2) if spacing else (0,)
         for place in np.flatnonzero(others & (peaks.depths > depth) if spacing else others):
-            harmonics = np.arange(1 if spacing else 2, _HARMONICS + 1)
+            harmonics = np.arange(1 if spacing else 2, IMPACT_HARMONICS + 1)
             lines = peaks.orders[place] * harmonics[:, None] + spacing * np.array(sides)
-            if (np.abs(lines - order) <= width).any():
+            near = harmonics[(np.abs(lines - order) <= width).any(axis=1)]
+            if near.size:  # with as many harmonics as that of the line has below its own last one
                 name = f"it belongs to the lines of {peaks.orders[place]:.3f} orders, which it does not explain"
-                spacings = [spacing] if spacing else []
-                yield peaks.defect(name, float(peaks.orders[place]), spacings), cost
+                count = min(_HARMONICS * int(near[0]), IMPACT_HARMONICS)
+                yield peaks.defect(name, float(peaks.orders[place]), (spacing,) if spacing else (), count), cost
 
 
 def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[tuple[float, Numbers]]:

@@ -415,6 +415,11 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
 
 def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     """Return that nothing was found, or that a part is not judged since its defect may have gone undetected."""
+    if part.unsure_depth > FAULTY_DEPTH:
+        why = f"a line at its order, of noise or damage, modulates a band by {part.unsure_depth:.0%}"
+        if part.hidden_by:
+            why = f"{_hidden(part.hidden_by)}; it modulates a band by {part.unsure_depth:.0%} and may mask damage"
+        return _not_judged(part, why, least_change=f"nothing found with that line below {FAULTY_DEPTH:.0%}")
     if part.possible_depth > JUDGED_DEPTH:
         longer = (part.possible_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time
         return _not_judged(
@@ -425,11 +430,6 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             if math.isfinite(longer)
             else "judged in a band that has power",
         )
-    if part.unsure_depth > FAULTY_DEPTH:
-        why = f"a line at its order, of noise or damage, modulates a band by {part.unsure_depth:.0%}"
-        if part.hidden_by:
-            why = f"{_hidden(part.hidden_by)}; it modulates a band by {part.unsure_depth:.0%} and may mask damage"
-        return _not_judged(part, why, least_change=f"nothing found with that line below {FAULTY_DEPTH:.0%}")
     seen = f"{healthy_share_words(probability)} records of healthy machines show as much"
     if probability <= SELDOM_SOUND and not part.hidden_by:
         why = f"a line at its order modulates a band by {part.depth:.1%}: {seen}, too few to call it sound"

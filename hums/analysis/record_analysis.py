@@ -23,7 +23,7 @@ from hums.analysis.channel import (
     setting_of,
 )
 from hums.analysis.declaration import Declaration, judged_declaration
-from hums.analysis.detection import AssessedLine, LineAssessor
+from hums.analysis.detection import AssessedLine, assessed_lines
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.findings import Finding, findings
 from hums.analysis.indicators import HISTORIES, Baseline, read_baseline
@@ -141,12 +141,12 @@ def analyze(
         histories, channels = _analysed(there, settings, baseline, record=record)
         declaration = replace(_declaration(channels, there.machine, settings), note=declaration.note)
     machine = there.machine
-    assessor = LineAssessor(
-        {bearing.name: bearing for bearing in machine.bearings},
-        settings.false_alarm_probability,
-        _healthy_spacings(machine),
+    assessed = assessed_lines(
+        [line for channel in channels for line in channel.lines],
+        [part for channel in channels for part in channel.evidence],
+        false_alarm_probability=settings.false_alarm_probability,
+        healthy_spacings=_healthy_spacings(machine),
     )
-    assessed = assessor.assess([line for channel in channels for line in channel.lines])
     if not (declaration.contradiction or declaration.explained):
         spectra = [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)]
         unlike = unlike_drawing(spectra, drawn_by(machine, settings), setting_of(machine))

@@ -27,12 +27,6 @@ A tenth of `FAULTY_DEPTH`: real machines have more sources than any library of s
 hundredth of the level are named on quiet machines; doubled, the first weeks of a growing defect are missed.
 """
 
-SEEN = 0.01
-"""Probability that noise alone makes a harmonic or a mesh line, below which it counts.
-
-Halved or doubled, few lines change, as this falls exponentially with the square of the level. By reasoning alone.
-"""
-
 TRUSTED_SNR = 8.0
 """Ratio to the background at which a modulation has half of its weight.
 
@@ -72,13 +66,6 @@ RIVAL_FACTOR = 3.0
 A race that has a rival is named only where it modulates a band by this factor times `FAULTY_DEPTH`: a rough bearing
 makes lines of both races, and a damaged element does. No record is too short for a line as deep as that.
 Halved, traces of one race on the other are named as second faults; doubled, two real faults hide one another.
-"""
-
-NO_SIDEBAND = 0.25
-"""Weight of a line without the sidebands that the load zone would give it, or without any other line of its family.
-
-Halved, defects under a load that turns with the shaft are lost; doubled, impacts of a neighbouring machine that happen
-to fall on the order of an inner race are named as often as real ones.
 """
 
 PEAK_RATIO = 4.0

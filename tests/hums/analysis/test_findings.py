@@ -1,12 +1,13 @@
-"""The rules on hand-made lines: what is significant, what explains it, and what is said of each part."""
+"""Hand-made lines and peaks: what is significant, whose comb explains a line, and what is said of each part."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hums.analysis.detection import LineAssessor
-from hums.analysis.evidence import BandEvidence, Setting, bearing_evidence
+from hums.analysis.combs import Part, Peaks, Setting, claims
+from hums.analysis.detection import assessed_lines
+from hums.analysis.evidence import BandEvidence, bearing_evidence
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
 from hums.analysis.findings import bearing_verdicts
 from hums.analysis.healthy_machines import HealthyMachines
@@ -33,9 +34,24 @@ LIBRARY = HealthyMachines(records=9999, parts=9999, strengths=(0.005,))
 SETTING = Setting(shafts=(1.0,), speed_hz=17.0, speed_range_hz=1.0)
 
 
-def line(kind, found, snr, *, of="b", k=1, side=0, order=None, spacing=0.0, level=20.0, p=None, main=None, **measured):
+def line(
+    kind,
+    found,
+    snr,
+    *,
+    of="b",
+    k=1,
+    side=0,
+    order=None,
+    spacing=0.0,
+    level=20.0,
+    p=None,
+    main=None,
+    spectrum="",
+    **measured,
+):
     """A line of an envelope of this level, over a background of 1; of a tooth `side` is in the order spectrum."""
-    spectrum = ORDER_SPECTRUM if kind == "tooth" and main is None else ENVELOPE
+    spectrum = ORDER_SPECTRUM if kind in {"gear_mesh", "tooth"} and main is None else ENVELOPE
     main = (k == 1 and not side) or spectrum == ORDER_SPECTRUM if main is None else main
     return MeasuredLine(
         expected=ExpectedLine(
@@ -90,68 +106,125 @@ def shaft(*amplitudes, spacing=1.0):
     return [line("shaft", spacing * k, a, of="s", k=k, main=False) for k, a in enumerate(amplitudes, 1)]
 
 
-def assessed(lines, **given):
-    return LineAssessor(BEARINGS, 0.01, **given).assess(lines)
-
-
 # ---- What is significant, and what explains a line -------------------------------------------------------------------
 
+
+def significance(*lines, parts=(), **given):
+    """Return the last of some lines as assessed."""
+    given = {"false_alarm_probability": 0.01, "healthy_spacings": {}} | given
+    return assessed_lines(lines, parts, **given)[-1]
+
+
+MESH = replace(line("gear_mesh", 20.0, 30.0, of="m"), level=0.0)
 # lines; of the last of them, what explains it: None where it is significant, "" where it is not detected or alone
 ASSESSED = {
     "noise": ([line("inner_race", 5.4, 2.0)], ""),
     "0.002 once": ([line("inner_race", 5.4, 9.0, p=0.002)], None),
     "0.002 among ten": ([*[line("cage", 30 + n, 1.0) for n in range(9)], line("inner_race", 5.4, 9.0, p=0.002)], ""),
-    "cage of an inner race": ([*inner(60), line("cage", 0.4, 8.0)], "unequal elements modulate b inner race"),
-    "outer race of an inner race": ([*inner(60), line("outer_race", 3.6, 8.0)], "hidden by b inner race"),
-    "element of an inner race": ([*inner(60), line("rolling_element", 4.8, 8.0)], "hidden by b inner race"),
-    "harmonic of an inner race": ([*inner(60), line("rolling_element", 10.8, 8.0)], "harmonic 2"),
-    "harmonic of another bearing": ([*outer(40, 20, at=3.603),
-        line("rolling_element", 18.015, 15.0, of="c", order=18.09)], "harmonic 5 of b outer race"),
-    "sideband of an inner race": ([*inner(60), line("rolling_element", 7.4, 8.0)], "sideband +2"),
-    "2.5 bins away": ([*inner(60), line("rolling_element", 4.825, 21.0)], None),
-    "less than a third": ([*inner(60), line("rolling_element", 4.825, 19.0)],
-        "hidden by b inner race, 3 times as large"),
+    "0.0005 in one band": ([line("inner_race", 5.4, 9.0, p=0.0005)], None),
+    "0.0005 in thirty": ([replace(line("inner_race", 5.4, 9.0, p=0.0005), searches=30)], ""),  # 0.0149
     "edge of the search": ([line("inner_race", 5.4, 9.0, at_edge=True)], "the flank of a peak outside"),
-    "more than half leakage": ([line("inner_race", 5.4, 9.0, leakage=5.0)], "the flank of a stronger adjacent line"),
-    "less than half leakage": ([line("inner_race", 5.4, 9.0, leakage=4.0)], None),
+    "harmonic": ([*inner(), line("inner_race", 10.8, 8.0, k=2)], None),
     "harmonic alone": ([line("outer_race", 7.2, 20.0, k=2)], ""),
     "wrong spacing": ([*inner(), line("inner_race", 10.85, 8.0, k=2)], ""),
-    "sideband of a mesh": ([line("shaft", 1.0, 30.0, of="s", main=False),
-        line("tooth", 21.0, 10.0, of="m/g", side=1)], None),
-    "damaged cage": ([*cage(), line("rolling_element", 4.75, 9.0)], None),
-    "cage of an outer race": ([*outer(14), line("cage", 0.43, 9.0)],
-        "unequal elements modulate b outer race"),
-    "42nd of a slow shaft": ([*shaft(4.5, 4.5, 4.5, spacing=0.107), line("rolling_element", 4.494, 5.2)],
-        "harmonic 42 of s shaft"),
-    # a spot carried through a load zone cos^1.5 has weights of 0.82, 0.43 and 0.09; impacts have equal ones
-    "load zone": ([*shaft(16.4, 8.6, 1.8, spacing=0.9), line("inner_race", 5.4, 16.0)], None),
-    "impacts once a turn": ([*shaft(16.4, 16.0, 15.0, spacing=0.9), line("inner_race", 5.4, 16.0)],
-        "harmonic 6 of s shaft"),
-    "cage of a damaged element": (
-        [*element(snr=14, second=14.5), line("rolling_element", 4.35, 14.0, side=-1), line("cage", 0.4, 17.0)],
-        "at which it carries b rolling element through the load zone",
-    ),
+    "more than half leakage": ([line("tooth", 21.0, 9.0, of="m/g", side=1, leakage=5.0)], "the flank of a stronger"),
+    "less than half leakage": ([line("tooth", 21.0, 9.0, of="m/g", side=1, leakage=4.0)], None),
+    "sideband of a mesh": ([MESH, line("tooth", 21.0, 10.0, of="m/g", side=1)], None),
+    "sideband off its mesh": ([MESH, line("tooth", 21.03, 10.0, of="m/g", side=1, order=21.0)], "off the sidebands of"),
+    "sideband at another mesh": ([line("gear_mesh", 21.0, 30.0, of="n"), line("tooth", 21.0, 10.0, of="m/g", side=1)],
+        "coincides with n gear mesh"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("lines", "by"), ASSESSED.values(), ids=ASSESSED)
 def test_a_line_is_significant_or_explained(lines, by):
-    last = assessed(lines)[-1]
+    last = significance(*lines)
     assert last.significant == (by is None)
     assert (by or "") in last.explained_by
 
 
-def test_every_band_that_was_searched_counts():
-    # 0.0005 in one band is below 0.01; in thirty it is 0.0149
-    single = line("inner_race", 5.4, 9.0, p=0.0005)
-    assert [one.significant for one in assessed([single])] == [True]
-    assert [one.significant for one in assessed([replace(single, searches=30)])] == [False]
-
-
 def test_natural_sidebands_of_a_planetary_stage():
     spaced, off = (line("tooth", at, 50.0, of="m/g", side=-1, spacing=99.0 - at) for at in (96.0, 97.0))
-    found = assessed([spaced, off], healthy_spacings={"m/g": (3.0,)})
-    assert [one.significant for one in found] == [False, True]
+    healthy = {"m/g": (3.0,)}
+    assert not significance(spaced, healthy_spacings=healthy).significant
+    assert significance(spaced, off, healthy_spacings=healthy).significant
+
+
+# ---- Whose comb explains a line --------------------------------------------------------------------------------------
+
+
+def peaks(*placed, background=0.001):
+    orders, depths = np.array(sorted(placed)).T
+    return Peaks(orders=orders, depths=depths, backgrounds=np.full(orders.size, background), bin_width=BIN)
+
+
+def comb(order, depth=0.3, spacing=0.0, harmonics=5):
+    """Return the peaks of damage that strikes at an order, modulated at a rate."""
+    found = [(k * order, depth / k**0.5) for k in range(1, harmonics + 1)]
+    return found + [(k * order + side * spacing, depth / 2) for k in (1, 2) for side in (-1, 1) if spacing]
+
+
+RACE, ELSE = ("b", "outer_race"), ("d", "inner_race")
+DRAWN = {RACE: Part(order=3.58, tolerance=0.07), ELSE: Part(order=5.4, tolerance=0.1, spacings=(1.0,))}
+SHAFT = Setting(shafts=(1.0,), speed_hz=17.0, speed_range_hz=1.0)
+STEADY = replace(SHAFT, speed_hz=100 / 3.58, speed_range_hz=0.0)
+# peaks, setting, part, and what explains its line: "" where its own comb does
+WHOSE = {
+    "its own": (comb(3.58), SHAFT, RACE, ""),
+    "with sidebands": (comb(5.4, spacing=1.0), SHAFT, ELSE, ""),
+    "off its order": (comb(3.54), SHAFT, RACE, ""),
+    "beside a comb of a shaft": ([*comb(3.58), *((k, 0.4) for k in range(1, 20))], SHAFT, RACE, ""),
+    "of a shaft": ([(0.36 * k, 0.3) for k in range(1, 31)], replace(SHAFT, shafts=(0.36, 1.0)), ELSE,
+        "15 times the order 0.36 of a shaft"),
+    "mains": ([(3.58, 0.3)], STEADY, RACE, "100.00 Hz is 2 times mains of 50 Hz"),
+    "mains at a speed that changes": (comb(3.58), replace(STEADY, speed_range_hz=1.0), RACE, ""),
+    "harmonic of another machine": (comb(1.79, harmonics=9), SHAFT, RACE, "the lines of 1.790 orders"),
+    "sideband of another machine": ([*comb(4.58, 0.6, spacing=1.0), *comb(2.58, 0.4)], SHAFT, RACE,
+        "the lines of"),
+    "harmonic of a part": (comb(1.8, harmonics=9), SHAFT, ("e", "outer_race"), "the lines of d inner race"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("placed", "setting", "part", "by"), WHOSE.values(), ids=WHOSE)
+def test_the_best_comb_explains_a_line(placed, setting, part, by):
+    drawn = DRAWN
+    if part not in drawn:
+        drawn = {ELSE: Part(order=1.8, tolerance=0.03), part: Part(order=5.4, tolerance=0.1)}
+    found = claims(peaks(*placed), drawn, setting)[part]
+    assert by in found.explained_by
+    assert bool(found.explained_by) == bool(by)
+
+
+def test_the_score_of_a_lone_line_by_hand():
+    # one peak of 0.3 at its order, no other within a factor of 1.6; its harmonics would be seen, and are not
+    only = Peaks(orders=np.array([3.6, 40.0]), depths=np.array([0.3, 0.3]), backgrounds=np.full(2, 1e-4), bin_width=BIN)
+    found = claims(only, {RACE: Part(order=3.618, tolerance=0.07)}, replace(SHAFT, shafts=(7.0,)))[RACE]
+
+    def accident(order, k):  # half a peak in orders from order / 1.6 to 1.6 order, within 2.5 bins on either side
+        return max(1e-3, 2 * 2.5 * BIN * k**0.5 * 0.5 / (order * (1.6 - 1 / 1.6)))
+
+    first = np.log(0.95 / accident(3.6, 1))
+    # the peak at 40 is no harmonic, but within a factor of 1.6 of none of the four either
+    missing = sum(np.log((1 - 0.6) / (1 - accident(3.6 * k, k))) for k in range(2, 6))
+    strength = 0.3  # a background of 0.0001 takes nothing off
+    by_hand = first + missing - 0.005 / 0.005 * (0.018 / 3.618) / 0.005 + 2 * np.log(strength / 0.01)
+    assert found.score == pytest.approx(by_hand, abs=1e-3)
+
+
+def test_a_line_that_two_parts_share_is_that_of_the_better_comb():
+    # at 4.3 both may stand; the element would have sidebands, and the race at rest has none
+    element = Part(order=4.295, tolerance=0.08, spacings=(0.4,))
+    drawn = {("b", "rolling_element"): element, RACE: Part(order=4.32, tolerance=0.08)}
+    found = claims(peaks(*comb(4.3)), drawn, SHAFT)
+    assert not found[RACE].explained_by
+    assert "it coincides with b outer race" in found["b", "rolling_element"].explained_by
+
+
+def test_what_noise_would_hide_is_not_missing():
+    # 4 times the background is a peak: harmonics of a line of 0.02 show from 0.005 on, below a background of 0.004
+    part = {RACE: Part(order=3.6, tolerance=0.07)}
+    quiet, noisy = (claims(peaks((3.6, 0.02), (30.0, 0.02), background=b), part, SHAFT)[RACE] for b in (1e-5, 4.9e-3))
+    assert quiet.score < noisy.score + 2 * np.log(quiet.strength / noisy.strength) - 1
 
 
 # ---- What is said of each part ---------------------------------------------------------------------------------------
@@ -159,7 +232,7 @@ def test_natural_sidebands_of_a_planetary_stage():
 
 def band(lines, peaks=(), *, noise=0.02, place=1e3, width=1e3, bin_width=BIN):
     """What one band shows: the lines, and peaks (order, depth) besides, their background over their depth."""
-    own = [(one.measured.line.found, one.measured.depth) for one in lines if one.measured.line.snr > 4]
+    own = [(one.line.found, one.depth) for one in lines if one.line.snr > 4]
     orders, depths = np.array(sorted({*own, *peaks})).reshape(-1, 2).T
     return BandEvidence(
         band_hz=(place, place + width),
@@ -173,15 +246,15 @@ def band(lines, peaks=(), *, noise=0.02, place=1e3, width=1e3, bin_width=BIN):
 
 def judged(lines, peaks=(), *, setting=SETTING, noise=0.02, bin_width=BIN, bearings=BEARINGS, **given):
     """Return the verdict on each part whose line was measured, by component and kind."""
-    bands = [band(assessed(lines), peaks, noise=noise, bin_width=bin_width)]
+    bands = [band(lines, peaks, noise=noise, bin_width=bin_width)]
     evidence, _ = bearing_evidence(bands, bearings, setting)
     given = {"false_alarm_probability": 0.01, "library": LIBRARY} | given
     return {(one.component, one.kind): one for one in bearing_verdicts(evidence, **given)}
 
 
 def shown_by(parts):
-    """Return a library of 99 healthy parts, of which so many show a strength of 0.05, one of 0.03, the others none."""
-    return HealthyMachines(records=99, parts=99, strengths=(*(0.05,) * parts, 0.03))
+    """Return a library of 99 healthy parts, of which so many show a score of 20, one of 8, the others none."""
+    return HealthyMachines(records=99, parts=99, strengths=(*(20.0,) * parts, 8.0))
 
 
 INNER, OUTER, ELEMENT, CAGE = ("b", "inner_race"), ("b", "outer_race"), ("b", "rolling_element"), ("b", "cage")
@@ -200,38 +273,32 @@ JUDGED = {
     "no sideband of an outer race that turns": (outer(second=7),
         {"bearings": {"b": replace(BEARING, inner_ring=0.0, outer_ring=1.0)}}, OUTER, "indicated",
         "no sidebands from passing the load zone"),
-    "harmonic that slip moves": (outer(at=3.53, second=0), {"peaks": [(0.44, 0.9), (0.88, 0.7)]}, OUTER, "not judged",
-        "8 times the line at 0.440"),
+    "harmonic that slip moves": (outer(at=3.53, second=0), {"peaks": [(0.44 * k, 0.9 / k) for k in range(1, 8)]}, OUTER,
+        "not judged", "the lines of 0.440 orders"),
     "both races": ([*inner(10, 7), *outer(9, 0)], {}, OUTER, "indicated", "of similar size"),
     "both races, shallow": (BOTH, {}, INNER, "not judged", "the outer race is of similar size (11.0%)"),
-    "harmonic of a deeper line": (inner(second=7), {"peaks": [(2.7, 0.9)]}, INNER, "not judged",
-        "2 times the line at 2.700"),
+    "harmonic of a deeper line": (inner(second=7), {"peaks": [(2.7, 0.9), (8.1, 0.4), (13.5, 0.3)]}, INNER,
+        "not judged", "the lines of 2.700 orders"),
     "shallower line": (inner(second=7), {"peaks": [(4.4, 0.3)]}, INNER, "diagnosed", ""),
-    "stronger line": (inner(sideband=7), {"peaks": [(7.1, 0.9)]}, INNER, "not judged",
-        "the unexplained line at 7.100 orders"),
-    "stronger line in noise": (inner(sideband=7), {"peaks": [(7.1, 0.9)], "noise": 0.2}, INNER, "diagnosed", ""),
+    "stronger line": (inner(sideband=7), {"peaks": [(7.1, 0.9)]}, INNER, "diagnosed", ""),
     "change of level": (inner(sideband=7), {"peaks": [(0.15, 0.9)]}, INNER, "diagnosed", ""),
     "comb of a slow shaft": (outer(at=5.4, order=5.4, second=0),
         {"peaks": [(0.15 * k, 0.5) for k in range(1, 11)], "setting": SLOW}, OUTER, "not judged",
-        "36 times the order 0.15 of a shaft"),
+        ""),
     "mains": (outer(second=0), {"setting": MAINS}, OUTER, "not judged", "100.00 Hz is 2 times mains of 50 Hz"),
     "mains at a speed that changes": (outer(second=0), {"setting": replace(MAINS, speed_range_hz=1.0)}, OUTER,
         "indicated", ""),
-    "tooth": ([*outer(30, 0, level=150.0),
-        *[line("tooth", 3.6 * k, 40.0, of="m/p", k=k, main=False, level=150.0) for k in (1, 2, 3)]], {}, OUTER,
-        "not judged", "harmonic 1 of m/p tooth"),
+    "tooth": (outer(30, 0, level=150.0), {"peaks": [(3.6 * k, 0.25) for k in range(2, 9)],
+        "setting": replace(SETTING, shafts=(1.0, 3.6))}, OUTER, "not judged", "1 times the order 3.6 of a shaft"),
     "unseen": (inner(2), {}, INNER, "not judged", "a modulation of 13.2% may go undetected"),
          # 2 + 1.282 x 0.5 of 20
     "seen to be absent": (inner(2, level=60.0), {}, INNER, "nothing found", ""),
-    # a strength of 0.04, which 2 to 3 and 10 to 11 of a hundred healthy parts have
+    # a score of 12, which 2 to 3 and 10 to 11 of a hundred healthy parts have
     "rare in health": (inner(30, sideband=9, level=750.0), {"library": shown_by(1)}, INNER, "not judged",
         "too few to call it sound"),
     "common in health": (inner(30, sideband=9, level=750.0), {"library": shown_by(9)}, INNER, "nothing found", ""),
     "cage": (cage(), {}, CAGE, "indicated", "damage to a rolling element also produces this line"),
     "cage of an outer race": ([*outer(14), line("cage", 0.4, 9.0)], {}, OUTER, "diagnosed", ""),
-    "cage that carries another bearing's element": ([*element(snr=10), line("rolling_element", 4.35, 8.0, side=-1),
-        line("cage", 0.402, 17.0, of="d", order=0.39), line("cage", 0.804, 12.0, of="d", order=0.78, k=2)], {},
-        ("d", "cage"), "not judged", "1 times the rate at which a cage carries b rolling element"),
     "nearer of two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.66)], {}, ("c", "outer_race"),
         "diagnosed", ""),
     "between two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.612)], {}, ("c", "outer_race"),
@@ -239,7 +306,7 @@ JUDGED = {
     "element that slips": ([*element(4.66), line("rolling_element", 5.06, 9.0, side=1)], {}, ELEMENT, "diagnosed",
         ""),
     "element faster than it rolls": ([*element(4.84), line("rolling_element", 5.24, 9.0, side=1)], {}, ELEMENT,
-        "not judged", "no element spins that fast"),
+        "not judged", "may go undetected"),
 }  # fmt: skip
 
 
@@ -262,7 +329,7 @@ def test_equal_bearings_are_named_together():
 
 @pytest.mark.parametrize("seen", [0.5, 1.0, 2.0, 4.0])
 def test_a_deeper_line_would_have_been_larger_in_nine_of_ten_records(seen):
-    (part,), _ = bearing_evidence([band(assessed(inner(seen)))], BEARINGS, SETTING)
+    (part,), _ = bearing_evidence([band(inner(seen))], BEARINGS, SETTING)
     rng = np.random.default_rng(3)
     noise = 0.5 * (rng.standard_normal(100_000) + 1j * rng.standard_normal(100_000))
     as_small = np.mean(np.abs(20 * part.possible_depth + noise) <= seen)
@@ -277,8 +344,8 @@ def test_a_rival_is_one_where_the_part_shows(beside, verdict):
     The element's line modulates the second band by 30 %; in the first, where the race's modulates by 60 %, it stands at
     10 % in noise, or at 30 %.
     """
-    first = band(assessed([*inner(12, 7, 7), line("rolling_element", 4.75, beside)]))
-    second = band(assessed([line("rolling_element", 4.75, 6.0), *inner(1)]), place=2e3)
+    first = band([*inner(12, 7, 7), line("rolling_element", 4.75, beside)])
+    second = band([line("rolling_element", 4.75, 6.0), *inner(1)], place=2e3)
     evidence, _ = bearing_evidence([first, second], BEARINGS, SETTING)
     found = {one.kind: one for one in bearing_verdicts(evidence, false_alarm_probability=0.01, library=LIBRARY)}
     assert found["inner_race"].verdict == verdict
