@@ -45,9 +45,13 @@ from hums.analysis.thresholds import (
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FUNDAMENTAL, HARMONIC, SIDEBAND, MULTIPLE = 0.95, 0.6, 0.4, 0.5
-"""Shares of sources that show a tooth: the line itself, its second to fifth harmonic, sidebands of the first and second
-harmonic, and multiples of a shaft, of the mains or of another machine."""
+HARMONICS, SIDEBAND, MULTIPLE = (0.95, 0.9, 0.7), 0.6, 0.5
+"""Shares of sources that show a tooth: the line itself, its second and every higher harmonic, sidebands of the first
+and second harmonic, and multiples of a shaft.
+
+Of damaged parts of 35 dB and more that score, 99 % show the second harmonic, 80 % the third to fifth, 73 % sidebands on
+inner races and elements (both simulators and measured rigs; measured inner races 52 %).
+"""
 
 _HARMONICS = 5  # of a part
 _EXPLAINED_SIDEBANDS = 3
@@ -171,7 +175,8 @@ class Peaks:
         apart = [one for one in spacings if one > 2 * self.width]
         sides = [(k * order + side * one, k) for one in apart for k in (1, 2) for side in (-1, 1)]
         places = np.array([*(harmonics * order), *(place for place, _ in sides)])
-        shares = np.array([FUNDAMENTAL, *[HARMONIC] * (count - 1), *[SIDEBAND] * len(sides)])
+        shown = [HARMONICS[min(k, len(HARMONICS)) - 1] for k in range(1, count + 1)]
+        shares = np.array([*shown, *[SIDEBAND] * len(sides)])
         widths = self.width * np.sqrt([*harmonics, *(k for _, k in sides)])
         return _Comb(name, places, shares, widths, self.explained(order, apart, self.width))
 
@@ -273,7 +278,7 @@ def _claim(peaks: Peaks, key: Key, lines: Mapping[Key, int], parts: Mapping[Key,
         depth=depth,
         snr=depth / float(peaks.backgrounds[peak]),
         strength=strong,
-        score=own + about - max(0.0, most),
+        score=float(own + about - max(0.0, most)),
         explained_by=name if most >= own else "",
     )
 

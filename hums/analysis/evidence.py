@@ -276,12 +276,13 @@ def _part(
     score = max((claim.score for _, claim, _ in own if not claim.explained_by), default=-math.inf)
     winning = [one for one in own if one[1].score > 0 and not one[1].explained_by]
     band, best, others = max(winning or own, key=lambda one: one[1].strength)
+    level = next(line.level for one, line in seen if one is band)
     harmonics, sidebands = band.support(best, drawn.spacings)
     beside = (others.get((key[0], kind)) for kind in BEARING_KINDS)
     return replace(
         plain,
         found=best.found,
-        amplitude=best.depth * main.level if main.level > 0 else 0.0,
+        amplitude=best.depth * level,
         snr=best.snr,
         depth=best.depth,
         bin_width=band.bin_width,

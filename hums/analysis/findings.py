@@ -9,12 +9,12 @@ Every kind of defect of every part has one of four verdicts:
 - *nothing found*: a modulation of 5 % in the range inspected would have been detected, and was not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
-not that of noise. No bearing is named for a line that may have another source: a line of the same bearing that is three
-times as large, or a stronger line that the drawing does not explain; nor, unless the line is deep, if both races have
-similar lines. A bearing is diagnosed if its line modulates a band by 10 % of the mean or more, a harmonic or sideband
-supports it (a sideband for a race that rotates through the load zone), and no other race or element of it is within a
-factor of three in the same band; an element only if its line is no higher than rolling allows; a cage never, since
-damage of an element causes the same line. Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
+of the score of a part (`hums.analysis.combs`). No bearing is named for a line that has another source: one that another
+comb explains as well, that of a part of the same bearing three times as large; nor, unless the line is deep, if both
+races have similar lines. A bearing is diagnosed if its line modulates a band by 10 % of the mean or more, a harmonic or
+sideband supports it (a sideband for a race that rotates through the load zone), and no other race or element of it is
+within a factor of three in the same band; a cage never, since damage of an element causes the same line. Gears are
+judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
 import math
@@ -25,8 +25,10 @@ from typing import Any
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
+    CLEAR_SCORE,
     FAULTY_DEPTH,
     JUDGED_DEPTH,
+    LEAST_SCORE,
     RIVAL_FACTOR,
     SELDOM_SOUND,
     SLIP_SCATTER,
@@ -245,9 +247,9 @@ def _bearing_verdict(
     others = [one.score for one in rivals if (one.component, one.kind) == (part.component, part.kind)]
     tested: Any = {"parts": searches, "others": others}
     probability = library.probability(part.score, **tested)
-    needed = library.strength_at(stated, **tested)
+    needed = max(LEAST_SCORE, library.strength_at(stated, **tested))
     shown = max(probability, RAREST_STATED)
-    if probability > stated:
+    if probability > stated or part.score < LEAST_SCORE:
         return _unnamed(part, shown, needed)
     if part.hidden_by:
         least_change = "indicated if no other line explained it"
@@ -296,6 +298,10 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
 def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     """Return what keeps a bearing's defect from being certain."""
     doubts = []
+    if part.score < CLEAR_SCORE:
+        doubts.append(
+            f"its comb is not much better than any other source (score {part.score:.0f} of {CLEAR_SCORE:.0f})"
+        )
     if part.depth < FAULTY_DEPTH:
         doubts.append(
             f"it modulates the band by only {part.depth:.1%}, and the races and elements of sound bearings are not "
