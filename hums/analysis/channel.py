@@ -14,8 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.analysis.combs import Setting
-from hums.analysis.detection import LEAKAGE_SHARE, single_probability
-from hums.analysis.evidence import BandEvidence, PartEvidence, bearing_evidence, load_spacings
+from hums.analysis.evidence import (
+    LEAKAGE_SHARE,
+    BandEvidence,
+    PartEvidence,
+    bearing_evidence,
+    load_spacings,
+    single_probability,
+)
 from hums.analysis.expected_lines import (
     ENVELOPE,
     ORDER_SPECTRUM,

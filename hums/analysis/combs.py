@@ -105,6 +105,11 @@ class Claim:
     score: float
     explained_by: str = ""
 
+    @property
+    def shows(self) -> bool:
+        """Whether its comb explains the peaks better than accident or any other source."""
+        return self.score > 0 and not self.explained_by
+
 
 @dataclass(frozen=True)
 class _Comb:
@@ -294,7 +299,12 @@ def _rivals(
         multiple = round(order / shaft)
         if shaft > 2 * width and multiple and abs(order - multiple * shaft) <= exact:
             count = min(max(_FEWEST_MULTIPLES, multiple), SHAFT_MULTIPLES)
-            yield peaks.multiples(f"it is {multiple} times the order {shaft:.4g} of a shaft", shaft, count, exact), 0.0
+            yield (
+                peaks.multiples(
+                    f"it is {multiple} times the order {shaft:.4g} of a shaft or tooth", shaft, count, exact
+                ),
+                0.0,
+            )
     for mains_hz, (multiple,) in mains_multiples(np.array([order]), setting, width / 2 * setting.speed_hz):
         if multiple and mains_hz > 4 * width * setting.speed_hz:
             name = f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains_hz:g} Hz"

@@ -10,6 +10,16 @@ The *strength* of a line is the root sum of squares of the depths of the fundame
 each counted at most as the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for noise in a short
 record. Whose line it is says the *score* (`hums.analysis.combs`). The score of a part is that of its best band, its
 line that of the deepest in which its score is above 0.
+
+A line is *detected* if the probability that noise alone exceeds it, at any line of the record that can raise a finding,
+is below the false-alarm probability of the settings. A detected line is *significant* (column ``claimed``) unless
+something else explains it:
+
+- a line of a bearing, what explains that of its part in all bands; its harmonics and
+  sidebands are significant only together with it, at the right spacing;
+- leakage: through the window, a larger line contributes half of its amplitude or more;
+- a larger line, assessed before it, within the main lobe (two bins) of whose third harmonics it lies;
+- a sideband, if the planet pass produces it in a healthy stage, or if it stands off the mesh that was found.
 """
 
 import itertools
@@ -20,7 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hums.analysis.combs import Claim, Key, Part, Peaks, Setting, claims, mains_multiples, strength
-from hums.analysis.expected_lines import MeasuredLine, supports
+from hums.analysis.expected_lines import LOBE_BINS, MeasuredLine, is_support, supports
 from hums.analysis.thresholds import (
     EXACT_BINS,
     FASTEST_SPIN,
@@ -28,6 +38,7 @@ from hums.analysis.thresholds import (
     FEWEST_CYCLES,
     HINT,
     JUDGED_SNR,
+    LEAST_SCORE,
     LEAST_STRENGTH,
     SLIP_SCATTER,
 )
@@ -35,6 +46,8 @@ from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
+LEAKAGE_SHARE = 0.5
+_EXPLAINED = 3  # harmonics of a larger line
 _ALIKE = 0.99  # of the largest, above which bandwidths are equal to rounding
 _ONE_IN_10 = 1.282  # standard deviations by which a normal variable is below its mean in one of ten cases
 _DRAWN = 0.02  # relative distance within which a line is one of the drawing
@@ -90,7 +103,7 @@ class PartEvidence:
     undrawn : str
         Deep line that the drawing does not explain and its bearing might make, and what to check; empty without one.
     sibling_depths : tuple of float
-        Depths, in the best band, of the lines of the parts of the bearing that nothing else explains, in the order of
+        Depths, in the best band, of the lines of the parts of the bearing that score above 0, in the order of
         `BEARING_KINDS`, 0 if there is none; empty if there is no line.
     modulation : float
         Strength of its lines in the band where that is largest, significant or not and whatever else explains them, for
@@ -188,7 +201,7 @@ def _strange_lines(
             strange &= multiple == 0
         spacings = [shaft for shaft in setting.shafts if shaft > 2 * width]
         scatter = np.maximum(width, SLIP_SCATTER * orders)
-        for part in (one for one in parts if one.shows):
+        for part in (one for one in parts if one.shows and one.score >= LEAST_SCORE):
             strange &= ~(band.explained(part.found, (), scatter, math.inf) & (band.depths <= 2 * part.depth))
             strange &= ~(band.explained(part.found, spacings, scatter, math.inf) & (band.depths <= part.depth))
         for order, depth in zip(orders[strange].tolist(), band.depths[strange].tolist(), strict=True):
@@ -274,7 +287,7 @@ def _part(
     if not own:
         return plain
     score = max((claim.score for _, claim, _ in own if not claim.explained_by), default=-math.inf)
-    winning = [one for one in own if one[1].score > 0 and not one[1].explained_by]
+    winning = [one for one in own if one[1].shows]
     band, best, others = max(winning or own, key=lambda one: one[1].strength)
     level = next(line.level for one, line in seen if one is band)
     harmonics, sidebands = band.support(best, drawn.spacings)
@@ -294,7 +307,7 @@ def _part(
         sidebands=len(sidebands),
         hidden_by=best.explained_by,
         unsure_depth=max(claim.strength for _, claim, _ in own),
-        sibling_depths=tuple(0.0 if one is None or one.explained_by else one.depth for one in beside),
+        sibling_depths=tuple(one.depth if one is not None and one.shows else 0.0 for one in beside),
     )
 
 
@@ -334,3 +347,114 @@ def _family_strength(main: MeasuredLine, lines: Iterable[MeasuredLine]) -> float
 
 def _background_depth(line: MeasuredLine) -> float:
     return line.line.background / line.level if line.level > 0 else math.inf
+
+
+# ---- Significance of measured lines ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class AssessedLine:
+    """A measured line with its significance, and what explains it otherwise."""
+
+    measured: MeasuredLine
+    false_alarm_probability: float
+    significant: bool
+    explained_by: str = ""
+
+
+def assessed_lines(
+    lines: Sequence[MeasuredLine],
+    evidence: Iterable[PartEvidence],
+    *,
+    false_alarm_probability: float,
+    healthy_spacings: Mapping[str, Sequence[float]],
+) -> list[AssessedLine]:
+    """Return whether each line of a record is significant, or what explains it, in the given order.
+
+    Parameters
+    ----------
+    lines : sequence of MeasuredLine
+    evidence : iterable of PartEvidence
+        On bearings, in all channels.
+    false_alarm_probability : float
+        Probability that noise alone makes a line of a healthy record significant.
+    healthy_spacings : mapping of str to sequence of float
+        Sideband spacings of each gear of a healthy planetary stage, in orders.
+    """
+    parts = {(part.channel, part.component, part.kind): part for part in evidence}
+    count = searches(lines)
+    probability = [record_probability(line.line.false_alarm_probability, searches=count) for line in lines]
+    result = [
+        AssessedLine(measured=line, false_alarm_probability=p, significant=False)
+        for line, p in zip(lines, probability, strict=True)
+    ]
+    detected = [i for i in range(len(lines)) if probability[i] < false_alarm_probability]
+    significant: list[MeasuredLine] = []
+    for i in sorted(detected, key=lambda i: (is_support(lines[i]), -lines[i].line.snr)):
+        line = lines[i]
+        if is_support(line):
+            result[i] = replace(result[i], significant=any(supports(line, other) for other in significant))
+            continue
+        if line.expected.kind in BEARING_KINDS:
+            part = parts.get((line.channel, *line.family))
+            cause = "the flank of a peak outside the searched range" if line.line.at_edge else ""
+            if part and not part.shows:
+                cause = cause or part.hidden_by or "an accident as likely, as its harmonics and sidebands show"
+        else:
+            same = [one for one in significant if one.expected.spectrum == line.expected.spectrum]
+            cause = _healthy_cause(line, healthy_spacings) or next(
+                filter(None, (_explanation(line, other) for other in same if other.channel == line.channel)), ""
+            )
+        result[i] = replace(result[i], significant=not cause, explained_by=cause)
+        if not cause:
+            significant.append(line)
+    return result
+
+
+def _healthy_cause(line: MeasuredLine, healthy_spacings: Mapping[str, Sequence[float]]) -> str:
+    """Return the cause that produces this line without any defect, or an empty string."""
+    if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
+        return "the flank of a stronger adjacent line, or of a mains line that the speed crosses"
+    if line.expected.kind == "tooth":
+        centre = line.expected.order - line.expected.sideband * line.expected.spacing
+        for spacing in healthy_spacings.get(line.expected.component, ()):
+            side = round((line.line.found - centre) / spacing)
+            if side and _near(line, centre + side * spacing):
+                return f"sideband {side:+d} x {spacing:.4g} of the mesh, which planets cause in a healthy stage"
+    return ""
+
+
+def _explanation(weaker: MeasuredLine, stronger: MeasuredLine) -> str:
+    """Return how a stronger line of the same spectrum produces one at the order of a weaker, or an empty string."""
+    if weaker.family == stronger.family:
+        return ""
+    kind, base = stronger.expected.kind, stronger.line.found
+    name = f"{stronger.expected.component} {kind.replace('_', ' ')}"
+    carried = weaker.expected.component.startswith(f"{stronger.expected.component}/")
+    if carried and (kind, stronger.expected.harmonic) == ("gear_mesh", weaker.expected.harmonic):
+        # the sidebands of a mesh follow from where it was found; a nominal speed leaves room for other lines
+        place = weaker.expected.order * base / stronger.expected.order
+        if not _near(weaker, place):
+            return f"off the sidebands of {name}, the nearest of which is at {place:.4g}"
+    if not weaker.expected.sideband:
+        return f"indistinguishable from {name}" if _near(weaker, base, bins=1.0) else ""
+    if kind == "shaft":  # where the speed was measured, its order is exact, and that of its line is not
+        base = (base if stronger.expected.tolerance else stronger.expected.order) / stronger.expected.harmonic
+    for harmonic in range(1, 1 + (1 if kind == "tooth" else _EXPLAINED)):
+        if _near(weaker, harmonic * base):
+            return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
+    return ""
+
+
+def single_probability(lines: Sequence[MeasuredLine], of_record: float) -> float:
+    """Return the false-alarm probability of one line among these below which it is detected."""
+    return -math.expm1(math.log1p(-of_record) / searches(lines))
+
+
+def searches(lines: Iterable[MeasuredLine]) -> int:
+    """Return the number of searches for lines that can raise a finding, over all bands."""
+    return max(1, sum(line.searches for line in lines if line.expected.fundamental))
+
+
+def _near(line: MeasuredLine, order: float, *, bins: float = LOBE_BINS) -> bool:
+    return abs(line.line.found - order) <= bins * line.bin_width

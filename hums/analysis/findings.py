@@ -272,20 +272,21 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
     if part.kind == "cage" and any(rival.score > part.score for rival in rivals):
         why = "other parts of the bearing have lines: the cage's rate, at which unequal elements modulate these"
         return _hidden(why), "indicated, if it were the only part of its bearing with a line"
-    larger = max(rivals, key=lambda rival: rival.depth, default=None)
-    if larger is not None and larger.depth > RIVAL_FACTOR * part.depth and larger.strength > part.strength:
+    larger = max(rivals, key=lambda rival: _where_it_is(part, rival), default=None)
+    depth = 0.0 if larger is None else _where_it_is(part, larger)
+    if larger is not None and depth > RIVAL_FACTOR * part.depth and larger.score > part.score:
         why = (
-            f"the line of {_kind_text(larger.kind)} of the same bearing has {larger.depth / part.depth:.0f} times "
+            f"the line of {_kind_text(larger.kind)} of the same bearing has {depth / part.depth:.0f} times "
             "its amplitude, and this line may be a side effect of it"
         )
-        least = larger.depth / RIVAL_FACTOR
+        least = depth / RIVAL_FACTOR
         return _hidden(why), f"indicated at a modulation of {least:.1%} or more (now {part.depth:.1%})"
     clear = RIVAL_FACTOR * FAULTY_DEPTH
     if part.depth >= clear:
         return None
     least_change = f"indicated at a modulation of {clear:.0%} or more (now {part.depth:.1%})"
     for rival in rivals:
-        alike = rival.channel == part.channel and rival.depth * RIVAL_FACTOR > part.depth
+        alike = rival.channel == part.channel and 1 / RIVAL_FACTOR < rival.depth / part.depth < RIVAL_FACTOR
         if alike and {part.kind, rival.kind} == {"inner_race", "outer_race"}:
             why = (
                 f"the line of {_kind_text(rival.kind)} is of similar size ({rival.depth:.1%}), as a rough bearing or a "
@@ -298,10 +299,8 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
 def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     """Return what keeps a bearing's defect from being certain."""
     doubts = []
-    if part.score < CLEAR_SCORE:
-        doubts.append(
-            f"its comb is not much better than any other source (score {part.score:.0f} of {CLEAR_SCORE:.0f})"
-        )
+    if part.score < CLEAR_SCORE and part.depth < RIVAL_FACTOR * FAULTY_DEPTH:
+        doubts.append(f"other sources explain its lines nearly as well (a score of {part.score:.1f})")
     if part.depth < FAULTY_DEPTH:
         doubts.append(
             f"it modulates the band by only {part.depth:.1%}, and the races and elements of sound bearings are not "
@@ -352,10 +351,7 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
     return [
         other
         for other in others
-        if other.component == part.component
-        and other.kind not in {part.kind, "cage"}
-        and other.strength > 0
-        and not other.hidden_by
+        if other.component == part.component and other.kind not in {part.kind, "cage"} and other.shows
     ]
 
 

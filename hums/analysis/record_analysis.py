@@ -23,7 +23,7 @@ from hums.analysis.channel import (
     setting_of,
 )
 from hums.analysis.declaration import Declaration, judged_declaration
-from hums.analysis.detection import AssessedLine, assessed_lines
+from hums.analysis.evidence import AssessedLine, assessed_lines
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.findings import Finding, findings
 from hums.analysis.indicators import HISTORIES, Baseline, read_baseline

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 import numpy as np
 import xarray as xr
 
-from hums.analysis.detection import AssessedLine
+from hums.analysis.evidence import AssessedLine
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.model import Gearbox

@@ -36,7 +36,7 @@ dB or more 79. At 12, eight and 80; at 20, three and 74. Halved, 15 healthy ones
 """
 
 CLEAR_SCORE = 20.0
-"""Score below which a bearing is indicated only.
+"""Score below which a bearing is indicated only, unless its line is as deep as `RIVAL_FACTOR` asks.
 
 Three of the healthy machines above score more, and 74 of the damaged bearings. Halved, `LEAST_SCORE` decides alone;
 doubled, hardly half of these bearings are diagnosed.

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.special import stdtrit
 
-from hums.analysis.detection import AssessedLine
-from hums.analysis.evidence import PartEvidence
+from hums.analysis.evidence import AssessedLine, PartEvidence
 from hums.analysis.expected_lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.gear_damage import ToothEnvelope
 from hums.analysis.reference_angle import Machine

@@ -90,8 +90,8 @@ def machine(further):
     )
 
 
-# a strength of bearings is a depth of all harmonics; of teeth the exponent of a probability
-@pytest.mark.parametrize(("parts", "most"), [("bearings", 2), ("teeth", 30)])
+# a score of bearings is a logarithm of odds; a strength of teeth the exponent of a probability
+@pytest.mark.parametrize(("parts", "most"), [("bearings", 100), ("teeth", 30)])
 def test_the_shipped_library_is_sound(parts, most):
     shipped = healthy_machines(parts)
     assert shipped.records > 200  # so that the half of a stated 0.01, which gears and bearings share, is reached

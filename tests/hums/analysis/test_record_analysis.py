@@ -444,7 +444,7 @@ def test_a_bearing_too_fast_for_its_third_harmonic_is_diagnosed():
     time = np.arange(round(4 * rate_hz)) / rate_hz
     impulse = np.zeros(time.size)
     strikes = np.cumsum(1 + 0.005 * rng.standard_normal(round(3.9 * 5.445 * speed_hz))) / (5.445 * speed_hz)
-    impulse[(strikes * rate_hz).astype(int)] = 1.0
+    impulse[(strikes * rate_hz).astype(int)] = 1 + 0.8 * np.cos(2 * np.pi * speed_hz * strikes)  # in the load zone
     ring_s = np.arange(100) / rate_hz
     values = np.convolve(impulse, np.exp(-6000 * ring_s) * np.cos(2 * np.pi * 6000 * ring_s))[: time.size]
     values += sum(np.cos(2 * np.pi * order * speed_hz * time + order) for order in (1, 23 * 19 / 67, 23))

@@ -251,6 +251,9 @@ def test_a_bearing_with_another_number_of_elements_is_not_called_sound(elements)
         3.555 * SPEED_HZ, scatter=0.005, gearbox=gearbox.model_copy(update={"bearings": (*others, changed)})
     )
     said = verdict_table(analysis).query("component == 'input bearing'").set_index("kind")["verdict"]
+    if elements == -3:  # its inner race would be 2 % away: the bearing is named, with the wrong part
+        assert said["inner_race"] == "indicated"
+        return
     assert said["outer_race"] == ("not judged" if elements else "diagnosed")
     facts = summary(analysis)
     assert any("belongs to no component" in note for note in facts["notes"]) == bool(elements)

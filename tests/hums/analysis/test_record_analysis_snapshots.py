@@ -38,16 +38,17 @@ def gearbox(tmp_path_factory):
     return hums.load_gearbox(path)
 
 
-def snapshots(count, *, order, depth, seed=0):
-    """Noise whose level a defect modulates, at a phase of its own in each snapshot."""
+def snapshots(count, *, order, depth, seed=0, samples=COUNT):
+    """Noise whose level a defect modulates, with five harmonics, at a phase of its own in each snapshot."""
     rng = np.random.default_rng(seed)
-    cycles = order * RPM / 60 * np.arange(COUNT) / RATE_HZ
-    level = 1 + depth * np.cos(2 * np.pi * (cycles + rng.uniform(size=(count, 1))))
+    cycles = order * RPM / 60 * np.arange(samples) / RATE_HZ
+    passed = 2 * np.pi * (cycles + rng.uniform(size=(count, 1)))
+    level = 1 + depth * sum(np.cos(k * passed) for k in range(1, 6))
     angle = NominalSpeed(rpm=RPM, shaft="shaft")
     return join_snapshots(
         [
             make_record({"h": row}, rate_hz=RATE_HZ, units="g", angle=angle, machine="rig")
-            for row in level * rng.normal(size=(count, COUNT))
+            for row in level * rng.normal(size=(count, samples))
         ]
     )
 
@@ -62,18 +63,24 @@ def outer(gearbox):
 
 
 def test_many_show_what_one_does_not(gearbox, outer):
-    alone = verdicts(snapshots(1, order=OUTER, depth=0.3), gearbox)
-    assert alone["verdict"]["outer_race"] == "not judged"
-    pooled = hums.verdict_table(outer).set_index("kind")
+    longer = {"order": OUTER, "depth": 0.08, "samples": 4 * COUNT}
+    assert verdicts(snapshots(1, **longer), gearbox)["verdict"]["outer_race"] == "not judged"
+    pooled = verdicts(snapshots(100, **longer), gearbox)
     assert pooled["verdict"]["outer_race"] in {"indicated", "diagnosed"}
-    assert pooled["depth"]["outer_race"] == pytest.approx(0.3, abs=0.03)
+    assert pooled["depth"]["outer_race"] == pytest.approx(0.08, abs=0.02)
+    # three turns resolve too little to tell whose comb it is: its line is stated, and no clean bill given
+    short = hums.verdict_table(outer).set_index("kind")
+    assert (short["verdict"]["outer_race"], short["depth"]["outer_race"]) == (
+        "not judged",
+        pytest.approx(0.3, abs=0.03),
+    )
     assert set(pooled["verdict"].drop("outer_race")) <= {"not judged", "nothing found"}
 
 
 def test_lines_nearer_than_a_snapshot_resolves_are_not_judged(gearbox):
     found = verdicts(snapshots(100, order=INNER, depth=0.3), gearbox)
     assert set(found["verdict"][["inner_race", "rolling_element"]]) == {"not judged"}
-    assert found["doubts"].str.contains("segments this short resolve 0.5 orders").sum() == 2
+    assert found["doubts"].str.contains("segments this short resolve 0.5 orders").sum() >= 1
 
 
 def test_noise_names_nothing(gearbox):
@@ -91,7 +98,7 @@ def test_the_resolution_is_stated_and_the_rest_is_withheld(outer):
     assert "closer to each other than 0.5 orders are not resolved" in note
     table = hums.indicator_table(outer).set_index("indicator")
     assert "cannot be averaged" in table["withheld"]["fm4"]
-    assert table["value"]["rms"] == pytest.approx(np.sqrt(1 + 0.3**2 / 2), rel=0.01)
+    assert table["value"]["rms"] == pytest.approx(np.sqrt(1 + 5 * 0.3**2 / 2), rel=0.01)
     assert hums.derive_verdicts(outer)  # from the groups alone
 
 

@@ -96,7 +96,8 @@ def modulated():
         if row.kind == "outer_race" and row.component == "input bearing"
     )
     time = np.arange(int(rate_hz * seconds)) / rate_hz
-    depth = 0.4 * np.cos(2 * np.pi * 1.01 * race.order * speed_hz * time)
+    passed = 2 * np.pi * 1.01 * race.order * speed_hz * time
+    depth = 0.4 * sum(np.cos(k * passed) / k for k in (1, 2, 3))
     x = (1 + depth) * np.cos(2 * np.pi * 3000 * time) + np.random.default_rng(1).normal(0, 0.2, time.size)
     pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / speed_hz), shaft="input", pulses_per_rev=1)
     record = make_record({"housing": x}, rate_hz=rate_hz, units="g", angle=pulses)

@@ -25,6 +25,7 @@ from hums.analysis.result import (
     verdict_table,
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.analysis.thresholds import CLEAR_SCORE, LEAST_SCORE
 from hums.analysis.verdicts import derive_verdicts
 from hums.gearbox.defect_orders import BEARING_KINDS, defects
 from hums.gearbox.kinematics import solve_kinematics
@@ -157,21 +158,21 @@ def test_verdicts_are_those_of_the_analysis(opened):
     assert findings_table(opened)[["component", "kind", "verdict"]].iloc[0].tolist() == [*RACE, "diagnosed"]
 
 
-def test_probabilities_follow_from_strengths_and_library_in_the_file(opened):
+def test_probabilities_follow_from_scores_and_library_in_the_file(opened):
     library = json.loads(group(opened, "evidence").attrs["library_json"])
     strengths, n = np.array(library["strengths"]), library["parts"]
     parts = rows_of(group(opened, "evidence"), PartEvidence)
     table = rows(opened)
     for part in parts:
         said = table.loc[(part.component, part.kind), "false_alarm_probability"]
-        if part.strength == 0 or math.isnan(said):
+        if part.score <= 0 or math.isnan(said):
             continue
         # of n healthy parts those at least as strong bound the probability of one part from both sides
-        above = np.count_nonzero(strengths > part.strength)
+        above = np.count_nonzero(strengths > part.score)
         low, high = (1 - (1 - (above + extra) / (n + 1)) ** len(parts) for extra in (1, 2))
         floor = 1 / 2000  # nothing rarer is stated
         assert max(low, floor) * (1 - 1e-9) <= said <= max(high, floor) * (1 + 1e-9)
-        if said > 0.01 / 3 or part.strength < 0.01:  # the share of bearings
+        if said > 0.01 / 3 or part.score < LEAST_SCORE:  # the share of bearings
             assert table.loc[(part.component, part.kind), "verdict"] in {"nothing found", "not judged"}
 
 
@@ -211,7 +212,8 @@ def test_a_verdict_turns_where_it_says(opened):
     parts = {(part.component, part.kind): part for part in rows_of(group(opened, "evidence"), PartEvidence)}
     # so deep that its score is nearer to where it turns, whatever the library
     least = number(with_evidence(opened, depth=10.0).least_change, "nothing found below a score of ")
-    assert with_evidence(opened, score=1.02 * least).verdict == "diagnosed"
+    assert with_evidence(opened, score=1.02 * max(least, CLEAR_SCORE)).verdict == "diagnosed"
+    assert with_evidence(opened, score=1.02 * least).verdict in {"diagnosed", "indicated"}
     assert with_evidence(opened, score=0.98 * least).verdict == "not judged"  # still rare in health
     shallow = number(with_evidence(opened, depth=0.12).least_change, "indicated below a modulation of ")
     assert with_evidence(opened, depth=1.01e-2 * shallow).verdict == "diagnosed"
