@@ -10,11 +10,12 @@ with q the share of such sources that show the tooth, and p the probability that
 by accident, from the density of those peaks around it that the comb does not explain. Peaks count from a quarter of the
 depth of the line in question on.
 
-The score of a part is the evidence of its own comb, less that of the best other comb that explains its line, less what
-the distance of its line from the nominal order costs, plus twice the logarithm of its modulation: damage modulates
-deeper than what is imperfect on a sound bearing,
+The score of a part is the evidence of its own comb, less that of the best other comb that explains its line, plus the
+logarithm of how likely a bearing slips as far (Laplace, of half a per cent), plus twice the logarithm of its
+modulation: damage modulates deeper than what is imperfect on a sound bearing,
 
-    S = E_part - max(0, E_rival) - |found / order - 1| / 0.5 % + 2 log(strength / 1 %).                            (2)
+    S = E_part - max(0, E_rival) - |found / order - 1| / 0.5 % - max(0, log(0.5 % order / width))
+        + 2 log(strength / 1 %).                                                                                   (2)
 
 A rival is a shaft, the mains, another part, or a fundamental that the drawing does not know, alone or modulated by a
 shaft; that one costs the logarithm of the number of orders at which it might stand.

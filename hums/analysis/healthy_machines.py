@@ -1,13 +1,13 @@
-"""Null distribution of the strength of evidence over healthy machines.
+"""Null distribution of the evidence over healthy machines.
 
 A line that exceeds noise is not necessarily a defect: sound bearings have waviness, loads fluctuate, and the sensor
-also picks up other machines. The distribution is that of the strength over all parts of a library of healthy synthetic
-records with every drive and imperfection of the generator, made by ``benchmarks/healthy_library.py``; no measured
-record enters it. It is empirical up to its largest strength and extrapolated beyond by the upper 95 % bound of a
-generalised Pareto tail, so that a gross defect is not lost among many parts; nothing below `RAREST_STATED` is reported.
+also picks up other machines. The distribution is that over all parts of a library of healthy synthetic records with
+every drive and imperfection of the generator, made by ``benchmarks/healthy_library.py``; no measured record enters it.
+It is empirical up to its largest value and extrapolated beyond by the upper 95 % bound of an exponential tail, so that
+a gross defect is not lost among many parts; nothing below `RAREST_STATED` is reported.
 
-Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have separate distributions, that of teeth
-from the records whose gears have pitch deviations, since every gear has some.
+Bearings (the scores of `hums.analysis.combs`) and teeth (the strengths of `hums.analysis.gear_damage`) have separate
+distributions, that of teeth from the records whose gears have pitch deviations, since every gear has some.
 
 For N parts the probability is ``1 - (1 - p)^N``, which treats them as independent and is conservative if they share a
 cause. The channels of a record are one test of a part, with the harmonic mean of their probabilities [1]_: p if all C

@@ -203,7 +203,7 @@ speed hardly changes, since both powers are one; doubled, other machines are dia
 """
 
 SLIP_SCATTER = 0.005
-"""Relative difference of distance from two nominal orders below which a line may belong to either.
+"""Relative difference of distance from two nominal orders below which a line may belong to either; scale of slip.
 
 Bearings slip by 1 to 2 % (Randall and Antoni 2011), alike within a machine but not equally (half of a per cent is our
 choice). Halved, a race is diagnosed whose neighbour's order is three thousandths away; doubled, bearings with similar
