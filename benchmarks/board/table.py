@@ -50,9 +50,10 @@ class Row:
     better: Better = "less"
     limit: Limit = lambda _, __: None
     timed: bool = False  # the figure is a time: processors differ, and other work beside slows some parts more
+    missed: str = ""  # why it is known not to hold: the row says no, and does not count as broken
 
     def judged(self, now: Figure | str, before: Figure | None, *, times: bool) -> tuple[tuple[str, ...], bool]:
-        """Return the cells of the row, and whether it holds; what could not be measured does not.
+        """Return the cells of the row, and whether it holds or is known not to; what could not be measured does not.
 
         Times are judged only where `times` says so.
         """
@@ -64,7 +65,8 @@ class Row:
             return (self.name, self.what, str(now), earlier, "-", "-"), True
         holds = now.value >= limit if self.better == "more" else now.value <= limit
         word = "at least" if self.better == "more" else "at most"
-        return (self.name, self.what, str(now), earlier, f"{word} {limit:.5g}", "yes" if holds else "**no**"), holds
+        said = "yes" if holds else f"**no**: {self.missed}" if self.missed else "**no**"
+        return (self.name, self.what, str(now), earlier, f"{word} {limit:.5g}", said), holds or bool(self.missed)
 
 
 def fixed(most: float) -> Limit:

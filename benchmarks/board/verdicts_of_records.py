@@ -31,6 +31,10 @@ SETS = {
 }
 HARD = ("CWRU, hard", "UESTC, ball")
 UNSEEN = ("UESTC, one race", "UESTC, ball", "MFS")
+MISSED = {
+    ("wind turbine", "first"): "the single line of the first day, 5 % deep, one in 64 healthy machines shows",
+    ("wind turbine", "diagnosed"): "that of the second has no sidebands, and is indicated",
+}
 SLOW = "Wolfrom"  # whose records take ten times as long to simulate
 
 
@@ -95,12 +99,23 @@ MEASURED = Section(
     name="measured records",
     rows=(
         *(
-            Row(name=f"measured, {name}: {key}", what=f"{of}: damaged part {words}", better="more", limit=same)
+            Row(
+                name=f"measured, {name}: {key}",
+                what=f"{of}: damaged part {words}",
+                better="more",
+                limit=same,
+                missed=MISSED.get((name, key), ""),
+            )
             for name, of in SETS.items()
             for key, words in (("first", "named first"), ("diagnosed", "diagnosed"))
         ),
         Row(name="measured: wrong diagnosed", what="faulty records with a wrong part diagnosed", limit=same),
-        Row(name="measured: others named", what="parts named besides the right one, rigs of known speed", limit=same),
+        Row(
+            name="measured: others named",
+            what="parts named besides the right one, rigs of known speed",
+            limit=same,
+            missed="the inner race of CWRU's B007_2, whose ball is damaged",
+        ),
         Row(name="measured, unseen rigs: others named", what="as above, UESTC and MFS, whose speeds deviate"),
         Row(name="measured: called sound", what='damaged parts that read "nothing found"', limit=same),
         Row(name="measured: healthy named", what="healthy records with a part named", limit=same),
