@@ -45,6 +45,7 @@ from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
     IN_TIME,
+    LEAST_SCORE,
     MAINS_ACCURACY,
     MAINS_HARMONICS,
     MAINS_HZ,
@@ -682,7 +683,7 @@ def _unresolved(
 
 def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
     """Return the evidence for a component, masked if its line is constant in frequency, not in order."""
-    if not part.shows:
+    if part.hidden_by or part.score < LEAST_SCORE:
         return part
     band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
     highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))
