@@ -41,6 +41,14 @@ Better = Literal["more", "less"]
 Limit = Callable[[Figure, Figure | None], float | None]
 
 
+@dataclass(frozen=True)
+class Miss:
+    """A limit known not to hold: the row says no and why, and counts as broken only where it is worse than a figure."""
+
+    figure: float
+    why: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """A row: what is measured, which way is better, and the limit, from the figure now and that of the baseline."""
@@ -50,7 +58,7 @@ class Row:
     better: Better = "less"
     limit: Limit = lambda _, __: None
     timed: bool = False  # the figure is a time: processors differ, and other work beside slows some parts more
-    missed: str = ""  # why it is known not to hold: the row says no, and does not count as broken
+    missed: Miss | None = None
 
     def judged(self, now: Figure | str, before: Figure | None, *, times: bool) -> tuple[tuple[str, ...], bool]:
         """Return the cells of the row, and whether it holds or is known not to; what could not be measured does not.
@@ -63,10 +71,15 @@ class Row:
         limit = self.limit(now, before) if times or not self.timed else None
         if limit is None:
             return (self.name, self.what, str(now), earlier, "-", "-"), True
-        holds = now.value >= limit if self.better == "more" else now.value <= limit
+        holds = self.reaches(now.value, limit)
         word = "at least" if self.better == "more" else "at most"
-        said = "yes" if holds else f"**no**: {self.missed}" if self.missed else "**no**"
-        return (self.name, self.what, str(now), earlier, f"{word} {limit:.5g}", said), holds or bool(self.missed)
+        known = self.missed is not None and self.reaches(now.value, self.missed.figure)
+        said = "yes" if holds else f"**no**: {self.missed.why}" if self.missed and known else "**no**"
+        return (self.name, self.what, str(now), earlier, f"{word} {limit:.5g}", said), holds or known
+
+    def reaches(self, value: float, limit: float) -> bool:
+        """Whether a value is at least as good as a limit."""
+        return value >= limit if self.better == "more" else value <= limit
 
 
 def fixed(most: float) -> Limit:

@@ -14,7 +14,7 @@ import verdicts
 from scipy.stats import binom
 
 from board.sections import Effort, Section, Task
-from board.table import Figure, Row, averaged, count_row, same
+from board.table import Figure, Miss, Row, averaged, count_row, same
 from data_synth import Scene, simulate
 from hums import Gearbox, NominalSpeed, analyze, findings_table, load_gearbox, make_record
 
@@ -32,8 +32,8 @@ SETS = {
 HARD = ("CWRU, hard", "UESTC, ball")
 UNSEEN = ("UESTC, one race", "UESTC, ball", "MFS")
 MISSED = {
-    ("wind turbine", "first"): "the single line of the first day, 5 % deep, one in 64 healthy machines shows",
-    ("wind turbine", "diagnosed"): "that of the second has no sidebands, and is indicated",
+    ("wind turbine", "first"): Miss(3, "the single line of the first day, 5 % deep, one in 64 healthy machines shows"),
+    ("wind turbine", "diagnosed"): Miss(2, "that of the second has no sidebands, and is indicated"),
 }
 SLOW = "Wolfrom"  # whose records take ten times as long to simulate
 
@@ -104,7 +104,7 @@ MEASURED = Section(
                 what=f"{of}: damaged part {words}",
                 better="more",
                 limit=same,
-                missed=MISSED.get((name, key), ""),
+                missed=MISSED.get((name, key)),
             )
             for name, of in SETS.items()
             for key, words in (("first", "named first"), ("diagnosed", "diagnosed"))
@@ -114,7 +114,7 @@ MEASURED = Section(
             name="measured: others named",
             what="parts named besides the right one, rigs of known speed",
             limit=same,
-            missed="the inner race of CWRU's B007_2, whose ball is damaged",
+            missed=Miss(3, "the inner race of CWRU's B007_2, whose ball is damaged"),
         ),
         Row(name="measured, unseen rigs: others named", what="as above, UESTC and MFS, whose speeds deviate"),
         Row(name="measured: called sound", what='damaged parts that read "nothing found"', limit=same),

@@ -6,12 +6,12 @@ import re
 import pytest
 import scoreboard
 from board.sections import Section
-from board.table import Figure, Row, counted, fixed, same
+from board.table import Figure, Miss, Row, counted, fixed, same
 
 AT_MOST_2 = fixed(2.0)
 
 
-def stubbed(value, *, limit=AT_MOST_2, better="less", timed=False):
+def stubbed(value, *, limit=AT_MOST_2, better="less", **about):
     """Return a section of one row whose measurement gives, or raises, a value."""
 
     def task():
@@ -21,7 +21,7 @@ def stubbed(value, *, limit=AT_MOST_2, better="less", timed=False):
 
     return Section(
         name="stub",
-        rows=(Row(name="stub: row", what="a figure that is given", better=better, limit=limit, timed=timed),),
+        rows=(Row(name="stub: row", what="a figure that is given", better=better, limit=limit, **about),),
         tasks=lambda _: [task],
         figures=lambda found: {"stub: row": found[0]},
         alone=True,
@@ -50,6 +50,12 @@ def test_a_row_that_holds(capsys):
 def test_a_broken_limit_ends_in_status_1(capsys, value, better):
     status, cells = printed(capsys, value=Figure(value=value), better=better)
     assert (status, cells[-1]) == (1, "**no**")
+
+
+@pytest.mark.parametrize(("value", "status", "said"), [(3.0, 0, "**no**: as known"), (3.5, 1, "**no**")])
+def test_a_known_miss_breaks_only_where_it_is_worse_than_known(capsys, value, status, said):
+    given, cells = printed(capsys, value=Figure(value=value), missed=Miss(3.0, "as known"))
+    assert (given, cells[-1]) == (status, said)
 
 
 def test_times_are_judged_in_no_quick_run(capsys):
