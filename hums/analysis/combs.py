@@ -14,8 +14,7 @@ The score of a part is the evidence of its own comb, less that of the best other
 logarithm of how likely a bearing slips as far (Laplace, of half a per cent), plus twice the logarithm of its
 modulation: damage modulates deeper than what is imperfect on a sound bearing,
 
-    S = E_part - max(0, E_rival) - |found / order - 1| / 0.5 % - max(0, log(0.5 % order / width))
-        + 2 log(strength / 1 %).                                                                                   (2)
+    S = E_part - max(0, E_rival) - |found / order - 1| / 0.5 % + 2 log(strength / 1 %).                            (2)
 
 A rival is a shaft, the mains, another part, or a fundamental that the drawing does not know, alone or modulated by a
 shaft; that one costs the logarithm of the number of orders at which it might stand.
@@ -137,6 +136,10 @@ class Peaks:
         """Distance within which two lines are one."""
         return MATCH_BINS * self.bin_width
 
+    def separable(self, spacings: Sequence[float]) -> list[float]:
+        """Return the spacings at which sidebands are apart from their line."""
+        return [one for one in spacings if one > 2 * self.width]
+
     def at(self, places: Numbers, widths: Numbers) -> Mask:
         """Return which peaks stand at which places, (place, peak)."""
         return np.asarray(np.abs(self.orders - places[:, None]) <= widths[:, None])
@@ -178,7 +181,7 @@ class Peaks:
     def defect(self, name: str, order: float, spacings: Sequence[float], count: int = _HARMONICS) -> _Comb:
         """Return the comb of damage that strikes at an order, with so many harmonics, modulated at some rates."""
         harmonics = np.arange(1.0, count + 1)
-        apart = [one for one in spacings if one > 2 * self.width]
+        apart = self.separable(spacings)
         sides = [(k * order + side * one, k) for one in apart for k in (1, 2) for side in (-1, 1)]
         places = np.array([*(harmonics * order), *(place for place, _ in sides)])
         shown = [HARMONICS[min(k, len(HARMONICS)) - 1] for k in range(1, count + 1)]
@@ -208,11 +211,10 @@ class Peaks:
                     found.append(f"{name} at {self.orders[at][np.argmax(self.depths[at])]:.3f}")
             return found
 
-        apart = [one for one in spacings if one > 2 * self.width]
         harmonics = {f"harmonic {k}": (k * claim.found, k) for k in range(2, _HARMONICS + 1)}
         sides = {
             f"sideband {sign * side:+d}": (claim.found + sign * side * one, 1)
-            for one in apart
+            for one in self.separable(spacings)
             for side in range(1, _EXPLAINED_SIDEBANDS + 1)
             for sign in (-1, 1)
         }
@@ -292,7 +294,7 @@ def _claim(peaks: Peaks, key: Key, lines: Mapping[Key, int], parts: Mapping[Key,
 def _rivals(
     peaks: Peaks, key: Key, lines: Mapping[Key, int], parts: Mapping[Key, Part], setting: Setting
 ) -> Iterator[tuple[_Comb, float]]:
-    """Yield the combs of other sources that explain the line of a part, and what each costs."""
+    """Yield the combs of other sources that explain the line of a part, with their penalty."""
     peak, width = lines[key], peaks.width
     order, depth = peaks.orders[peak], peaks.depths[peak]
     exact = EXACT_BINS * peaks.bin_width if setting.measured else width
@@ -300,12 +302,8 @@ def _rivals(
         multiple = round(order / shaft)
         if shaft > 2 * width and multiple and abs(order - multiple * shaft) <= exact:
             count = min(max(_FEWEST_MULTIPLES, multiple), SHAFT_MULTIPLES)
-            yield (
-                peaks.multiples(
-                    f"it is {multiple} times the order {shaft:.4g} of a shaft or tooth", shaft, count, exact
-                ),
-                0.0,
-            )
+            name = f"it is {multiple} times the order {shaft:.4g} of a shaft or tooth"
+            yield peaks.multiples(name, shaft, count, exact), 0.0
     for mains_hz, (multiple,) in mains_multiples(np.array([order]), setting, width / 2 * setting.speed_hz):
         if multiple and mains_hz > 4 * width * setting.speed_hz:
             name = f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains_hz:g} Hz"
@@ -322,7 +320,7 @@ def _rivals(
 
 
 def _unknown(peaks: Peaks, peak: int, setting: Setting) -> Iterator[tuple[_Comb, float]]:
-    """Yield the combs of lines that the drawing does not know, alone or modulated by a shaft, and what these cost."""
+    """Yield the combs of fundamentals of no drawn source, alone or modulated by a shaft, with their penalty."""
     width, order, depth = peaks.width, peaks.orders[peak], peaks.depths[peak]
     cost = math.log(max(2.0, peaks.orders[-1] / width))
     multiple = np.maximum(1.0, np.round(peaks.orders / order))

@@ -15,8 +15,8 @@ A line is *detected* if the probability that noise alone exceeds it, at any line
 is below the false-alarm probability of the settings. A detected line is *significant* (column ``claimed``) unless
 something else explains it:
 
-- a line of a bearing, what explains that of its part in all bands; its harmonics and
-  sidebands are significant only together with it, at the right spacing;
+- a line of a bearing, what explains that of its part in all bands; its harmonics and sidebands are significant only
+  together with it, at the right spacing;
 - leakage: through the window, a larger line contributes half of its amplitude or more;
 - a larger line, assessed before it, within the main lobe (two bins) of whose third harmonics it lies;
 - a sideband, if the planet pass produces it in a healthy stage, or if it stands off the mesh that was found.
@@ -199,7 +199,7 @@ def _strange_lines(
         strange &= (np.abs(orders[:, None] - drawn) > np.maximum(width, _DRAWN * drawn)).all(axis=1)
         for _, multiple in mains_multiples(orders, setting, 0.5 * width * setting.speed_hz):
             strange &= multiple == 0
-        spacings = [shaft for shaft in setting.shafts if shaft > 2 * width]
+        spacings = band.separable(setting.shafts)
         scatter = np.maximum(width, SLIP_SCATTER * orders)
         for part in (one for one in parts if one.shows and one.score >= LEAST_SCORE):
             strange &= ~(band.explained(part.found, (), scatter, math.inf) & (band.depths <= 2 * part.depth))
@@ -382,7 +382,7 @@ def assessed_lines(
         Sideband spacings of each gear of a healthy planetary stage, in orders.
     """
     parts = {(part.channel, part.component, part.kind): part for part in evidence}
-    count = searches(lines)
+    count = _searches(lines)
     probability = [record_probability(line.line.false_alarm_probability, searches=count) for line in lines]
     result = [
         AssessedLine(measured=line, false_alarm_probability=p, significant=False)
@@ -448,10 +448,10 @@ def _explanation(weaker: MeasuredLine, stronger: MeasuredLine) -> str:
 
 def single_probability(lines: Sequence[MeasuredLine], of_record: float) -> float:
     """Return the false-alarm probability of one line among these below which it is detected."""
-    return -math.expm1(math.log1p(-of_record) / searches(lines))
+    return -math.expm1(math.log1p(-of_record) / _searches(lines))
 
 
-def searches(lines: Iterable[MeasuredLine]) -> int:
+def _searches(lines: Iterable[MeasuredLine]) -> int:
     """Return the number of searches for lines that can raise a finding, over all bands."""
     return max(1, sum(line.searches for line in lines if line.expected.fundamental))
 
