@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from data_synth import SceneError, simulate
 from data_synth.dynamics import BearingShaft, Body, Shaft, Support, build_system
+from data_synth.vibration.run import scene_system
 
 STEEL_PA = 206e9
 
@@ -42,6 +43,21 @@ def test_a_record_is_that_of_springs_as_soft():
     rigid = simulate(scene(dynamics={"bearings": both}), seed=1)["a"].values
     assert np.std(curved - springs) < 1e-3 * np.std(springs)
     assert np.std(curved - rigid) > 0.1 * np.std(springs)
+
+
+def test_the_faster_of_two_whirls_turns_with_its_shaft():
+    # a gear beside the middle of its shaft tilts as it moves: its spin stiffens the whirl in its own sense
+    shafts = {name: {"diameter_mm": 40, "to_bearings_mm": [30, 170]} for name in ("pinion", "gear")}
+    free = {"shape": "constant", "stiffness_n_m": 1.0}  # either shaft whirls alone
+    system = scene_system(scene(dynamics={"shafts": shafts, "damping_ratio": 1e-6}, mesh=free))(1000.0)
+    inverse, still = np.linalg.inv(system.mass), np.zeros((system.dof, system.dof))
+    stiffness, gyroscopic = inverse @ system.mean_stiffness(), inverse @ system.gyroscopic
+    rates, modes = np.linalg.eig(np.block([[still, np.eye(system.dof)], [-stiffness, -gyroscopic]]))
+    for name, turns in (("pinion", 1), ("gear", -1)):
+        tilts = modes[[system.names.index(f"{name} tilt {axis}") for axis in "xy"]]
+        own = np.flatnonzero((rates.imag > 1.0) & (np.abs(tilts[0]) > 1e-6 * np.max(np.abs(modes), axis=0)))
+        around = -np.sign((tilts[0].conj() * tilts[1]).imag)  # 1 if y is a quarter of a turn behind x
+        assert around[own[np.argsort(rates[own].imag)]].tolist() == [-turns, turns, -turns, turns]
 
 
 @pytest.mark.parametrize(
