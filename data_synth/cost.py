@@ -3,7 +3,7 @@
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,12 +12,10 @@ import numpy as np
 
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
 from data_synth.kinematic.gear_faults import ImpactTrain
-from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.operation.drive import build_drive
 from data_synth.scene.faults import Fault
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError, load_scene
-from data_synth.scene.sensors import Sensor, Transfer
 from data_synth.sources.families import ratio_of, turning_ratios
 from data_synth.sources.impact_responses import impact_lines
 from data_synth.sources.prepared import PreparedScene, check_rate, prepare_scene, truth_instants
@@ -40,13 +38,11 @@ _OPENING_S, _FEWEST_PULSES = 10.0, 16.0  # in which impacts and pulses of a long
 BYTES = 8  # per sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # measured in addition to the channels of the demo of 1 s to 200 s
 _GEAR_COPIES = 11  # of a channel, while the lines of gears in motion are projected
-_OUTSIDE = ("electrical", "neighbour", "knocks", "noise", "mounts", "gains", "temperature")
-_CHAIN = [*Sensor.model_fields][4:]  # after name, place, direction and units
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One source, sensor or model of a scene: its size, its reason, and its cost.
+    """One source, sensor or model of a scene: its size, its reason, and its cost; what the scene states is left out.
 
     Attributes
     ----------
@@ -220,41 +216,22 @@ def _parts(stage: PreparedScene, scene: Scene, longer: float) -> Iterator[Part]:
         why=f"sampling rate covers orders up to {scene.rate_hz / 2 / top:.4g}",
     )
     samples = scene.samples * len(scene.sensors)
-    faulty = {fault.component: fault.kind for fault in scene.faults}
     for family in stage.families:
-        lines = int(family.nonzero.sum())
+        first = float(family.orders[int(np.argmax(family.nonzero))])
         yield Part(
             name=family.component,
-            what=f"{count(lines, 'line')} from order {_first(family):.6g}",
-            why=_why(family, faulty),
+            what=f"{count(int(family.nonzero.sum()), 'line')} from order {first:.6g}",
+            why=family.kind,
             seconds=samples * _PER_LINE * family.coefficients.shape[0],
         )
     for number, train in stage.trains:
         yield _struck(stage, scene, number, train, longer)
-    for transfer in scene.transfers:
-        yield Part(name=transfer.source, what=f"its own path to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
         yield Part(
-            name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_CHANNEL
+            name=sensor.name, what=f"sensor on {sensor.on}", why="noise, chain", seconds=scene.samples * _PER_CHANNEL
         )
-    errors = ("uneven", "missing", "spurious", "jitter", "delay_s", "clock_ppm")
-    spoilt = [name for name in errors if getattr(scene.tachometer, name)]
-    yield Part(
-        name="tachometer",
-        what=_counted(stage.pulses.times_s.size, longer, f"pulses of {scene.tachometer.link}"),
-        why=", ".join(spoilt) or "exact",
-    )
-    yield from _outside(scene)
-
-
-def _outside(scene: Scene) -> Iterator[Part]:
-    """Yield the imperfections of a scene that are not sources within its machine."""
-    declared = scene.imperfections
-    for name in _OUTSIDE if declared is not None else ():
-        table = getattr(declared, name)
-        if table is not None:
-            given = ", ".join(f"{key} {value:g}" for key, value in table if isinstance(value, int | float))
-            yield Part(name=f"imperfections.{name}", what=given, why="as in real records")
+    pulses = _counted(stage.pulses.times_s.size, longer, f"pulses of {scene.tachometer.link}")
+    yield Part(name="tachometer", what=pulses, why="the first is phase zero")
 
 
 def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, longer: float) -> Part:
@@ -264,12 +241,6 @@ def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain,
     rings = "measured transfer paths" if by_paths else f"excites {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {scene.faults[number].kind}: {rings}"
     return Part(name=train.component, what=what, why=why)
-
-
-def _way(transfer: Transfer) -> str:
-    if transfer.lines is None:
-        return count(len(transfer.modes or ()), "mode")
-    return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
 
 
 def _counted(number: int, longer: float, things: str) -> str:
@@ -297,24 +268,6 @@ def _gears(motion: Motion, choice: Choice) -> Iterator[Part]:
         yield Part(name=mesh.name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why="gears in mesh")
 
 
-def _first(family: HarmonicFamily) -> float:
-    numbers = family.nonzero.nonzero()[0]
-    return float(family.orders[numbers[0]] if numbers.size else family.base_order)
-
-
-def _why(family: HarmonicFamily, faulty: Mapping[str, str]) -> str:
-    if family.kind == "shaft" and family.coefficients.ndim == 1:
-        return "rotating shaft"
-    if family.kind == "gear_mesh":
-        return "gears in mesh"
-    return faulty.get(family.component, family.kind)
-
-
-def _chain(sensor: Sensor) -> str:
-    parts = [part for part in _CHAIN if getattr(sensor, part) not in (None, "none")]
-    return "noise" + "".join(f", {part}" for part in parts)
-
-
 # ---- Check before a simulation that the record fits into memory and onto the disk ------------------------------------
 
 
@@ -329,7 +282,7 @@ def _further_rows(scene: Scene, *, phases: bool, mechanics: bool) -> int:
         rows += len(turning_ratios(scene))
         rows += 2 * sum(len(bearing.names) for bearing in scene.gearbox.bearings)
     if mechanics:
-        rows += 4 * len(scene.gearbox.links) + 3 * len(scene.kinematics.contacts)
+        rows += 4 * len(scene.gearbox.links) + 5 * len(scene.kinematics.contacts)
     return rows
 
 

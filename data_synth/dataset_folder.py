@@ -24,7 +24,7 @@ from data_synth.cost import BYTES, explain
 from data_synth.draws import PlanError
 from data_synth.plan import Plan, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
-from data_synth.simulation import simulate_with_detectability
+from data_synth.simulation import simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import INDEX, LABELS, SHARD, open_dataset, write_index
 from hums.records.outputs import SEALS, atomic_write, check_outputs, make_folder, remove_partial_files, write_text
@@ -256,12 +256,13 @@ def _simulated(plan: Plan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
     labels, trial_s = plan.labels(number), plan.table.detectability_s
     seed, machine_seed = plan.seed_of(number), plan.machine_seed_of(number)
     try:
-        record, found_db = simulate_with_detectability(
-            plan.scene(number), seed=seed, machine_seed=machine_seed, trial_s=trial_s
-        )
+        record = simulate(plan.scene(number), seed=seed, machine_seed=machine_seed, detectability=trial_s or False)
     except SceneError as error:
         raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None
-    return record, labels | ({} if trial_s is None else {"detectability_db": found_db})
+    if trial_s is not None:
+        found_db = record["truth_fault_detectability_db"].values[0]
+        labels["detectability_db"] = float(found_db[0]) if found_db.size else math.nan
+    return record.drop_vars("truth_fault_detectability_db", errors="ignore"), labels
 
 
 # ---- the folder --------------------------------------------------------------------------------------------

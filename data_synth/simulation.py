@@ -44,7 +44,7 @@ def simulate(
     by_source: bool = False,
     phases: bool = False,
     mechanics: bool = False,
-    detectability: bool = False,
+    detectability: bool | float = False,
 ) -> xr.Dataset:
     """Simulate a scene: return its record together with its truth.
 
@@ -70,11 +70,11 @@ def simulate(
         Also return the speed of every link at each sample and, where gears vibrate, the internal quantities
         ``truth_transmission_error``, ``truth_mesh_force``, ``truth_mesh_stiffness``, ``truth_bearing_force``, etc. that
         `data_synth.vibration.mechanics.mechanics_truth` defines. Costs a second integration.
-    detectability : bool
+    detectability : bool or float
         Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the
         noise-free healthy channel of the same seed, relative to the channel's noise and quantisation, in a matched
         filter (Turin 1960, IRE Trans. Inf. Theory 6, 311). Costs a simulation of the healthy channel and, with several
-        faults, one for each.
+        faults, one for each; a number is the length in s of the beginning from which it is extrapolated.
 
     Returns
     -------
@@ -150,10 +150,13 @@ def simulate(
     for name, value in (("seed", seed), ("machine_seed", 0 if machine_seed is None else machine_seed)):
         if not isinstance(value, int) or isinstance(value, bool) or value < 0:
             raise SceneError(f"{name} = {value!r} must be a whole number, 0 or more.")
+    if not 0 <= detectability < math.inf:
+        raise SceneError(f"detectability = {detectability!r} must be true, false, or a length in s.")
     refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
-    streams, kept = Streams(seed=seed, machine_seed=machine_seed), declared.samples if detectability else 0
+    streams, trial_s = Streams(seed=seed, machine_seed=machine_seed), detectability
+    kept = declared.samples if trial_s is True else min(declared.samples, math.ceil(trial_s * declared.rate_hz))
     record, own = _simulated(declared, streams, kept, by_source=by_source, phases=phases, mechanics=mechanics)
-    if detectability:
+    if kept:
         return record.assign(truth_fault_detectability_db=_fault_detectability(declared, streams, own))
     return record
 
@@ -178,36 +181,6 @@ class NoiseFree:
     of_sound_gears: Array | None = None
     steps: int | None = None
     choice: Choice | None = None
-
-
-def simulate_with_detectability(
-    scene: Scene, *, seed: int, machine_seed: int | None = None, trial_s: float | None
-) -> tuple[xr.Dataset, float]:
-    """Return the record of a scene and the detectability of its first fault in its first channel.
-
-    Parameters
-    ----------
-    scene : Scene
-    seed : int
-    machine_seed : int or None
-    trial_s : float or None
-        Length in s of the opening part that is also simulated without the fault; None for no detectability.
-
-    Returns
-    -------
-    record : xarray.Dataset
-        As `simulate` returns it.
-    detectability_db : float
-        Detectability in the whole record in dB, extrapolated from the first `trial_s` seconds; NaN without a fault.
-    """
-    refuse_too_large(scene)
-    samples = 0 if trial_s is None or not scene.faults else min(scene.samples, round(trial_s * scene.rate_hz))
-    streams = Streams(seed=seed, machine_seed=machine_seed)
-    record, own = _simulated(scene, streams, samples)
-    if not samples:
-        return record, math.nan
-    ratio_db = _fault_detectability(scene, streams, own)
-    return record, float(ratio_db[0, 0]) + 10 * math.log10(scene.samples / samples)
 
 
 def _simulated(
@@ -399,13 +372,13 @@ def _fault_detectability(scene: Scene, streams: Streams, own: NoiseFree) -> xr.D
     channel of the same seed (Turin 1960, IRE Trans. Inf. Theory 6, 311): the sum over samples of its square over the
     variance of the channel's white noise, whose level may wander, and quantisation noise. Its square root is the
     deflection of the optimum detector of a known signal: 14 dB gives a probability of detection of 0.99 at one false
-    alarm in 200. `own` are the channels of the scene itself, from whose number of samples it is computed. Costs one
-    simulation, and with several faults one for each, none of them with a truth.
+    alarm in 200. `own` are the channels of the scene itself, from whose number of samples it is extrapolated. Costs
+    one simulation, and with several faults one for each, none of them with a truth.
     """
     # the same steps in all motions: their integration errors nearly cancel in the difference
     samples = own.signal.shape[1]
     alike = partial(_noise_free, turns_before=streams.turns_before, samples=samples, choice=own.choice, steps=own.steps)
-    healthy = alike(scene.changed(faults=()), streams, of_gears=own.of_sound_gears)
+    healthy = alike(scene.changed(faults=()), streams, of_gears=own.of_sound_gears) if scene.faults else own
     variances = [_noise_variance(scene, sensor, streams) for sensor in scene.sensors]
     ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
     for number, fault in enumerate(scene.faults):
@@ -420,7 +393,7 @@ def _fault_detectability(scene: Scene, streams: Streams, own: NoiseFree) -> xr.D
         for row, variance in enumerate(variances):
             with np.errstate(divide="ignore", invalid="ignore"):
                 shares = np.where(added[row] != 0, added[row] ** 2 / variance[:samples], 0.0)
-                ratios_db[row, number] = 10 * np.log10(np.sum(shares))
+                ratios_db[row, number] = 10 * np.log10(np.sum(shares)) + 10 * math.log10(scene.samples / samples)
     about = "matched filter for what the fault adds, against the noise of the channel: sum of d^2 / s^2"
     return xr.DataArray(
         ratios_db,

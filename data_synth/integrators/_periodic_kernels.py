@@ -170,21 +170,21 @@ def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, 
 
 
 @compiled_inline
-def legendre(
-    waves: Waves,
-    which: int,
-    start: float,
-    stop: float,
-    before: tuple[float, float, float],
-    after: tuple[float, float, float],
-) -> tuple[float, float, float]:
+def legendre(waves: Waves, which: int, start: float, stop: float, known: Array) -> tuple[float, float, float]:
     """Return a0, a1, a2 of the least-squares fit ``a0 + a1 P1(x) + a2 P2(x)``, x from -1 at `start` to 1 at `stop`.
 
-    `before` and `after` are the function's integrals there; by parts, ``int t^n f dt`` needs nothing else.
+    By parts, ``int t^n f dt`` needs the function's integrals at both ends only: `known` (tables, 3) holds those at
+    `start`, NaN if unknown, and receives those at `stop`.
     """
     width = stop - start
     if abs(width) < SHORT:
+        known[which, 0] = np.nan
         return legendre_short(waves, which, start, stop)
+    before = (known[which, 0], known[which, 1], known[which, 2])
+    if np.isnan(before[0]):
+        before = integrals_at(waves, which, start)
+    after = integrals_at(waves, which, stop)
+    known[which, 0], known[which, 1], known[which, 2] = after
     per_width = 1.0 / width  # a single division, which other look-ups need not wait for
     first0 = (after[0] - before[0]) * per_width
     rise1 = (after[1] - before[1]) * per_width

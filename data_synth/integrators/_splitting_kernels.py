@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.integrators._periodic_kernels import (
-    SHORT,
-    integrals_at,
     jumps_within,
     legendre,
     legendre_of_product,
@@ -125,23 +123,6 @@ def interpolated(waves: Waves, first: int, position: float, phase: float) -> flo
     return value
 
 
-@compiled_inline
-def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: Array) -> tuple[float, float, float]:
-    """Return the Legendre coefficients of a function over a step.
-
-    `known` (tables, 3) holds the integrals at the beginning, NaN if unknown, and receives those at the end.
-    """
-    if abs(end - begin) < SHORT:
-        known[which, 0] = np.nan
-        return legendre_short(waves, which, begin, end)
-    before = (known[which, 0], known[which, 1], known[which, 2])
-    if np.isnan(before[0]):
-        before = integrals_at(waves, which, begin)
-    after = integrals_at(waves, which, end)
-    known[which, 0], known[which, 1], known[which, 2] = after
-    return legendre(waves, which, begin, end, before, after)
-
-
 @compiled_exactly
 def read_jump(equations: Equations, m: int, begin: float, end: float, position: float, jump: Array) -> None:
     """Fill `jump` (6,) with Legendre coefficients over a step in which the error of a force jumps.
@@ -177,7 +158,7 @@ def read_teeth(
     `stiffness` (steps, meshes, 3) receives Legendre coefficients over each step, `errors` (steps, meshes, 3) the
     transmission errors at its beginning, middle and end, and `jumping` (steps, meshes) whether they jump in between; if
     so, `jumps` (steps, meshes, 6) receives the result of `read_jump`. `positions` are those in the histories, from step
-    `first` on; `known` is that of `legendre_of_step`.
+    `first` on; `known` is that of `legendre`.
     """
     waves, steps = equations.stiffnesses, turns.size - 1
     for m in range(equations.cycles.size):
@@ -188,7 +169,7 @@ def read_teeth(
             for late in range(2):
                 number, part = instant_of(positions[first + step, m], late)
                 if part > 0.0:
-                    b0, b1, b2 = legendre_of_step(waves, table + number, begin, end, known)
+                    b0, b1, b2 = legendre(waves, table + number, begin, end, known)
                     a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
             stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
         for step in range(steps):

@@ -33,8 +33,8 @@ def scene(tmp_path):
 def test_every_part_of_the_demo_is_named_with_its_reason():
     told = explain("demo")
     reasons = {(part.name, part.why) for part in told.parts}
-    assert ("stage 2", "gears in mesh") in reasons
-    assert ("stage 1/pinion", "tooth_crack") in reasons
+    assert ("stage 2", "gear_mesh") in reasons
+    assert ("stage 1/pinion", "tooth") in reasons
     assert ("stage 1/pinion", "fault 1, tooth_crack: excites 8000 Hz") in reasons
     assert ("intermediate bearing", "fault 2, inner_race: excites 8000 Hz") in reasons
     assert told.record_bytes == 500_000 * 8
@@ -83,7 +83,7 @@ def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypa
 def test_explaining_and_writing_go_together(synth, scene, tmp_path):
     code, out, _ = synth(scene, "--explain", "-o", tmp_path / "a.h5", "--by-source", "--phases")
     assert code == 0
-    assert "noise, anti_alias, clipping" in out
+    assert "sensor on input bearing" in out
     with open_record(tmp_path / "a.h5") as record:
         assert {"truth_source", "truth_shaft_revolutions", "truth_roller_revolutions"} <= set(record.data_vars)
 
