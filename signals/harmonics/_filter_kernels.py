@@ -70,12 +70,11 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
 @compiled_sums_in_place
 def project(P: Floats, h: Floats, ph: Floats) -> float:
     """Fill `ph` with P h; return the innovation's variance, s = 1 + h . P h."""
-    for a in range(ph.size):
-        ph[a] = 0.0
-    for b in range(h.size):
-        row, share = P[b], h[b]
+    ph[:] = 0.0
+    for b in range(0, h.size, 2):  # the rows of both parts of an order: half as many passes over P h
+        row, other = P[b], P[b + 1]
         for a in range(ph.size):
-            ph[a] += share * row[a]
+            ph[a] += h[b] * row[a] + h[b + 1] * other[a]
     return 1.0 + dot(h, ph[: h.size])
 
 
@@ -110,8 +109,8 @@ def _transition_rows(values: Floats, width: int) -> None:
 @compiled_sums_in_place
 def _transition_columns(values: Floats, width: int) -> None:
     """Predict (any, state) values: values F^T."""
-    for a in range(len(values)):
-        for start in range(values.shape[1] - 2 * width, -1, -width):
+    for start in range(values.shape[1] - 2 * width, -1, -width):
+        for a in range(len(values)):
             own, later = values[a, start : start + width], values[a, start + width : start + 2 * width]
             for b in range(width):
                 own[b] += later[b]
@@ -139,9 +138,9 @@ def filter_covariance(
     each; (sample or 1, 2 order) variances of the increments after each sample; the samples before the first output, and
     from one to the next; whether V is not zero; scratch of (5, PIECE or state) and (PIECE, 2 order). The
     (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become those for the one after
-    the last. Filled are (sample, channel) innovations over their standard deviations, left zero where missing, (output,
-    channel, 2 order) levels, and (output, order) variances: half the sums over both quadratures, of which the mean's
-    second is 0.
+    the last. Filled are (sample, channel) innovations over their standard deviations, left zero where missing, and of
+    the first orders (output, channel, 2 order) levels and (output, order) variances: half the sums over both
+    quadratures, of which the mean's second is 0.
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
@@ -163,9 +162,9 @@ def filter_covariance(
                 innovations[i, channel] = e * np.sqrt(precision)
         if i >= skip and (i - skip) % every == 0:
             for channel in range(channels):
-                for b in range(width):
+                for b in range(levels.shape[2]):
                     levels[output, channel, b] = mean[channel, b]
-            for k in range(orders.size):
+            for k in range(variances.shape[1]):
                 total = P[2 * k, 2 * k] + P[2 * k + 1, 2 * k + 1]
                 if diffuse:
                     total += dot(V[2 * k], V[2 * k]) + dot(V[2 * k + 1], V[2 * k + 1])
@@ -185,28 +184,26 @@ def filter_steadily(
     """Run the filter with steady-state gains over some samples.
 
     The (pole, 2 order) gains times h are the Kalman gains; the (channel, pole, 2 order) state is the mean of
-    `filter_covariance`, as the other arguments are its; `work` and `rows` are scratch of (3, PIECE or 2 order) and
-    (PIECE, 2 order).
+    `filter_covariance`, as the other arguments are its, with scratch `work`, (2, PIECE), and `rows`, (PIECE, 2 order).
     """
     samples, channels = x.shape
     poles, width = gains.shape
-    unused, output = work[2], 0
+    output = 0
     for i in range(samples):
         if i % PIECE == 0:
             _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
         h, due = rows[i % PIECE], i == skip + output * every
         for channel in range(channels):
             own = state[channel]
-            level = levels[output, channel] if due else unused
             # Innovation e = x - h . level; update each difference by its gain h e.
             innovation = x[i, channel] - dot(h, own[0])
             innovations[i, channel] = innovation
-            for b in range(width):
-                own[0, b] += gains[0, b] * innovation * h[b]
-                level[b] = own[0, b]
-            for j in range(1, poles):
+            for j in range(poles):
                 for b in range(width):
                     own[j, b] += gains[j, b] * innovation * h[b]
+            if due:
+                for b in range(levels.shape[2]):
+                    levels[output, channel, b] = own[0, b]
             for j in range(poles - 2, -1, -1):  # predict by F
                 for b in range(width):
                     own[j, b] += own[j + 1, b]

@@ -117,20 +117,20 @@ class SteadyGains:
 
 
 def filter_on(
-    model: HarmonicModel, x: Floats, state: FilterState, *, output_every: int, startup: int,
+    model: HarmonicModel, x: Floats, state: FilterState, *, orders: int, output_every: int, startup: int,
     steady: SteadyGains | None = None,
 ) -> Estimate:  # fmt: skip
     """Continue the filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    Updates the state; of the variances in the steady state at the end only the first is
-    returned. Outputs and `startup` are counted from the first sample of the record.
+    Updates the state and returns estimates of the first `orders`; of their variances in the steady state at the end
+    only the first. Outputs and `startup` are counted from the first sample of the record.
     Given steady-state gains, they take over from the covariance filter once it has settled, until a sample is missing.
     Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
     longer positive definite, FloatingPointError is raised.
     """
-    (channels, samples), orders, width = x.shape, model.orders, 2 * model.orders.size
+    (channels, samples), width = x.shape, 2 * model.orders.size
     places = np.arange(-state.count % output_every, samples, output_every)
-    levels, variances = np.empty((places.size, channels, width)), np.empty((places.size, orders.size))
+    levels, variances = np.empty((places.size, channels, 2 * orders)), np.empty((places.size, orders))
     longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
     process = _paired(model, model.process_noise(slice(0, 1)))
     missing = np.append(np.flatnonzero(np.isnan(x[0])), samples)
@@ -147,7 +147,7 @@ def filter_on(
         due = slice(done, int(np.searchsorted(places, end)))
         outputs = -state.count % output_every, output_every
         values, normalised = np.ascontiguousarray(x[:, span].T), np.zeros((end - begin, channels))
-        given = values, np.ascontiguousarray(model.phase(span)), orders, model.shaft
+        given = values, np.ascontiguousarray(model.phase(span)), model.orders, model.shaft
         if steady is not None and settled:
             mean = state.mean.reshape(channels, model.poles, width)
             filter_steadily(*given, steady.gains, mean, *outputs, work, rows, normalised, levels[done:])
@@ -158,9 +158,9 @@ def filter_on(
             filter_covariance(
                 *given, q, *own, outputs, *found, variances[done:], state.factor, state.diffuse, work, rows
             )
-            variances[due, orders == 0] *= 2  # the mean has one quadrature
+            variances[due, model.orders[:orders] == 0] *= 2  # the mean has one quadrature
             if steady is not None:
-                variances[known : due.start] = steady.variances
+                variances[known : due.start] = steady.variances[:orders]
             known = due.stop
             if not variances[due].min(initial=np.inf) > 0:
                 raise lost(model, "exact")
@@ -171,6 +171,6 @@ def filter_on(
             state.check(model)
     if steady is not None and known < places.size:
         variances = variances[: known + 1]
-        variances[known] = steady.variances
+        variances[known] = steady.variances[:orders]
     amplitude = levels.view(np.complex128).transpose(1, 2, 0)
     return Estimate(amplitude=amplitude, variance=variances.T, innovations=state.innovations, std_spacing=output_every)

@@ -130,13 +130,13 @@ class OrderTracker:
             error = Closeness.of(replace(model, phases=tuple(turned))).ripple
             if error <= LARGEST_RIPPLE:
                 steady, self._error_bound = self._steady, max(self._error_bound, error)
+        orders = len(self._orders)
         estimate = filter_on(
-            model, block, state, output_every=self._every, steady=steady,
+            model, block, state, orders=orders, output_every=self._every, steady=steady,
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         self._last_phase = phase[:, -1].copy()
-        orders, outputs = len(self._orders), estimate.amplitude.shape[-1]
-        found = statistics(estimate, self._noise, orders)
+        outputs, found = estimate.amplitude.shape[-1], statistics(estimate, self._noise)
         return OrderTracks(
             **{name: squeeze(value, not self._channels) for name, value in found.items()},
             **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,

@@ -197,7 +197,7 @@ def _tracked(
         if estimator == "filter":
             state, steady = FilterState.prior(model, channels=len(record)), method == "fast"
             gains, error = (SteadyGains.of(model), Closeness.of(model).ripple) if steady else (None, 0.0)
-            estimate = filter_on(model, record, state, output_every=every, startup=startup, steady=gains)
+            estimate = filter_on(model, record, state, orders=orders, output_every=every, startup=startup, steady=gains)
             estimate = replace(estimate, error_bound=error)
         elif method == "fast":
             estimate = fast(model, record, seen, rtol=rtol, output_every=every, startup=startup)
@@ -207,7 +207,7 @@ def _tracked(
         raise lost(model, method) from error
     if not estimate.variance.min() > 0:
         raise lost(model, method)
-    found = statistics(estimate, noise_variance, orders)
+    found = statistics(estimate, noise_variance)
     if noise_variance is None:
         fitted = model.state_size if estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovations.count * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
@@ -216,20 +216,20 @@ def _tracked(
     return estimate, found
 
 
-def statistics(estimate: Estimate, given: float | None, orders: int) -> dict[str, Any]:
-    """Return the (channel, ...) fields of `OrderTracks` of the first orders; all channels share variances.
+def statistics(estimate: Estimate, given: float | None) -> dict[str, Any]:
+    """Return the (channel, ...) fields of `OrderTracks`; all channels share variances.
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
     channels, mean_square = len(estimate.amplitude), estimate.innovations.mean_square
-    variance = estimate.variance[:orders]
+    variance = estimate.variance
     none = 0.0 if estimate.innovations.count else np.nan
     noise = mean_square if given is None else np.full(channels, float(given))
     return {
-        "complex_amplitude": estimate.amplitude[:, :orders],
+        "complex_amplitude": estimate.amplitude,
         "settling_variance": np.broadcast_to(variance, (channels, *variance.shape)),
         "noise_variance": noise,
-        "noise_density": np.broadcast_to(noise[:, None, None], (channels, orders, 1)),
+        "noise_density": np.broadcast_to(noise[:, None, None], (channels, len(variance), 1)),
         "noise_freedom": np.full((channels, 1, 1), np.inf),
         "innovation_mean_square": np.ones(channels) if given is None else mean_square / noise + none,
     }
