@@ -16,7 +16,7 @@ from jobs import Floats
 from numpy.typing import NDArray
 from page_files import table
 
-from signals.harmonics import process_variance, track_orders, track_slipping_order
+from signals.harmonics import Bandwidth, track_orders, track_slipping_order
 
 KINDS = {
     "white": "white noise",
@@ -132,8 +132,7 @@ def _records(
 
 def _walks(rng: np.random.Generator, density: Floats, poles: int) -> NDArray[np.complex128]:
     """Return walks of the model in noise of a density, (order, sample), less the polynomial that it leaves open."""
-    rates: dict[str, Any] = {"bandwidth": BANDWIDTH_HZ, "rate": RATE_HZ, "noise_variance": 1.0}
-    q = process_variance(orders=ORDERS, poles=poles, **rates)[:, None] * density
+    q = 2 * density / Bandwidth(width=BANDWIDTH_HZ / RATE_HZ, poles=poles).weight ** 2
     walks = np.sqrt(q) * (rng.standard_normal((CHANNELS, *q.shape)) + 1j * rng.standard_normal((CHANNELS, *q.shape)))
     for _ in range(poles):
         np.cumsum(walks, axis=-1, out=walks)
@@ -190,7 +189,7 @@ def _followed(
     turn = np.cumsum(step)
     truth = np.full(samples, np.exp(2j * np.pi * rng.uniform()))
     if drawn:
-        q = process_variance(orders=[1], bandwidth=WIDTH, rate=PER_REV, poles=1, noise_variance=1.0)
+        q = 2 / Bandwidth(width=WIDTH / PER_REV, poles=1).weight ** 2
         scale = np.sqrt(q * _density(kind, SLIPPING * speed, SLIPPING, WIDTH))
         truth += np.cumsum(scale * (rng.standard_normal(samples) + 1j * rng.standard_normal(samples)))
     x = OFFSET * (kind == "offset") + _noise(rng, kind, (samples,), PER_REV, SLIPPING, WIDTH)

@@ -1,6 +1,4 @@
 from signals.harmonics.bandwidth import Bandwidth as Bandwidth
-from signals.harmonics.bandwidth import isolated_std as isolated_std
-from signals.harmonics.bandwidth import process_variance as process_variance
 from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
 from signals.harmonics.reference import HarmonicMatrices as HarmonicMatrices
 from signals.harmonics.reference import harmonic_model as harmonic_model

@@ -30,95 +30,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._validation import brief, checked, choice, positive, real_array, whole
+from signals._validation import choice, positive, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-_MOST_WEIGHT = 1e30
 HALF_POWER = np.sqrt(2) - 1
 MOST_POLES = 4
-# In cycles per sample: the powers of smaller bandwidths underflow.
-NARROWEST = 1e-45
-
-
-@checked
-def process_variance(
-    *, orders: ArrayLike, bandwidth: ArrayLike, rate: float, poles: int, noise_variance: float
-) -> Floats:
-    """Return the process-noise variance q that gives the smoother of each order a bandwidth.
-
-    Parameters
-    ----------
-    orders : (order,) array
-        Cycles per revolution; only whether an order is zero matters.
-    bandwidth
-        (order,) array or number, full -3 dB width of the smoother, in Hz or in orders.
-    rate
-        Sampling rate in Hz (bandwidth in Hz) or in samples per revolution (bandwidth in orders).
-    poles
-        Number of integrations of the random walk, 1 to 4.
-    noise_variance
-        Variance R of the white noise in the record, in its unit squared.
-
-    Returns
-    -------
-    (order,) array
-        Variance q of the `poles`-th difference of each quadrature, in the record's unit squared per sample.
-
-    Examples
-    --------
-    A narrow band with one pole has `q = 2 R (pi bandwidth / rate)^2 / (sqrt(2) - 1)`; the mean has half of it:
-
-    >>> from signals.harmonics import process_variance
-    >>> print(process_variance(orders=[0, 3], bandwidth=1, rate=1000, poles=1, noise_variance=1.0).round(8))
-    [2.383e-05 4.765e-05]
-    """
-    width, poles = _checked_width(bandwidth, rate, orders), whole(poles, name="poles", least=1, most=MOST_POLES)
-    return np.asarray(quadrature_noise(orders, noise_variance) * variance_ratio(width, poles))
-
-
-@checked
-def isolated_std(
-    *,
-    orders: ArrayLike,
-    bandwidth: ArrayLike,
-    rate: float,
-    poles: int,
-    noise_variance: float,
-    estimator: Literal["smoother", "filter"] = "smoother",
-) -> Floats:
-    """Return the steady-state standard deviation of the amplitude of an isolated order.
-
-    `OrderTracks.std` has this value far from the ends of a record without gaps, averaged over cycles of the order.
-
-    Parameters
-    ----------
-    orders, bandwidth, rate, poles, noise_variance
-        As for `process_variance`.
-    estimator
-        "smoother" uses all samples, "filter" only those up to the output.
-
-    Returns
-    -------
-    (order,) array
-        Standard deviation of the real part, which equals that of the imaginary part, in the unit of the record.
-
-    Examples
-    --------
-    A narrow band with one pole passes noise of variance `2 R pi bandwidth / (2 sqrt(sqrt(2) - 1) rate)`:
-
-    >>> from signals.harmonics import isolated_std
-    >>> print(isolated_std(orders=[3], bandwidth=1, rate=1000, poles=1, noise_variance=1.0).round(4))
-    [0.0699]
-    """
-    choice(estimator, name="estimator", choices=("smoother", "filter"))
-    poles = whole(poles, name="poles", least=1, most=MOST_POLES)
-    c, u = _factors(_checked_width(bandwidth, rate, orders), poles)
-    passed = -np.expm1(_log_radius(u).sum(axis=-1)) if estimator == "filter" else np.mean(c / (c - 2 * u), axis=-1).real
-    return np.asarray(np.sqrt(quadrature_noise(orders, noise_variance) * passed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,22 +103,17 @@ class Bandwidth:
         >>> print(tracks.bandwidth.round(2), np.abs(tracks.complex_amplitude[:, 2500]).round(3))
         [2.05] [2.]
         """
-        whole(poles, name="poles", least=1, most=MOST_POLES)
-        if positive(weight, name="weight") < 1 / _MOST_WEIGHT:
-            raise ValueError(f"weight={weight:g} weighs next to nothing; give a weight near or above 1.")
-        root = weight ** (-1 / poles)
-        width = float(_width(np.asarray(root ** (2 * poles)), poles))
-        if not np.isfinite(width):
-            least = Bandwidth(width=1.0, poles=poles).weight
+        least = cls(width=1.0, poles=poles).weight
+        if positive(weight, name="weight") < least:
             raise ValueError(
                 f"weight={weight:g} with poles={poles} passes even half of the rate with less than 3 dB, so it has "
                 f"no bandwidth; choose a weight above {least:.3g}."
             )
-        return cls(width=width, poles=poles)
+        return cls(width=float(np.arcsin((least / weight) ** (1 / poles))) * 2 / np.pi, poles=poles)
 
     @property
     def weight(self) -> float:
-        """Weight r of the Vold-Kalman filter with this bandwidth: `r^2 = N / q`."""
+        """Weight r of the Vold-Kalman filter with this bandwidth: `r^2 = N / q`, which gives the process noise q."""
         return float(variance_ratio(self.width, self.poles) ** -0.5)
 
     def smoother_gain(self, offset: ArrayLike) -> Floats:
@@ -207,10 +122,51 @@ class Bandwidth:
         with np.errstate(over="ignore"):  # far off a narrow band nothing is passed
             return np.asarray(1 / (1 + HALF_POWER * sine ** (2 * self.poles)))
 
+    def isolated_std(self, noise_variance: float, *, estimator: Literal["smoother", "filter"] = "smoother") -> float:
+        """Return the steady-state standard deviation of the amplitude of an isolated order above 0.
+
+        `OrderTracks.std` has this value far from the ends of a record without gaps, averaged over cycles of the order;
+        that of order 0, which has half of N, is smaller by sqrt(2).
+
+        Parameters
+        ----------
+        noise_variance
+            Variance R of the white noise in the record, in its unit squared.
+        estimator
+            "smoother" uses all samples, "filter" only those up to the output.
+
+        Returns
+        -------
+        float
+            Standard deviation of the real part, which equals that of the imaginary part, in the unit of the record.
+
+        Examples
+        --------
+        A narrow band with one pole passes noise of variance `2 R pi width / (2 sqrt(sqrt(2) - 1))`:
+
+        >>> from signals.harmonics import Bandwidth
+        >>> round(Bandwidth(width=0.001, poles=1).isolated_std(1.0), 4)
+        0.0699
+        """
+        choice(estimator, name="estimator", choices=("smoother", "filter"))
+        c, u = self._factors
+        passed = -np.expm1(_log_radius(u).sum()) if estimator == "filter" else np.mean(c / (c - 2 * u)).real
+        return float(np.sqrt(2 * positive(noise_variance, name="noise_variance") * passed))
+
     @cached_property
-    def _pole_distances(self) -> Complexes:
-        """(pole,) array, 1 - z of the causal filter's closed-loop poles."""
-        return _factors(self.width, self.poles)[1]
+    def _factors(self) -> tuple[Complexes, Complexes]:
+        """(pole,) roots c of `c^poles = -q / N` and, to full relative precision, u = 1 - z of the z inside the circle.
+
+        These are the causal filter's closed-loop poles; `u^2 - c u + c = 0`.
+        """
+        corner = (2 * np.sin(0.5 * np.pi * self.width)) ** 2
+        turn = np.exp(1j * np.pi * (2 * np.arange(self.poles) + 1) / self.poles)
+        c = corner * HALF_POWER ** (-1 / self.poles) * turn
+        root = np.sqrt(c * (c - 4))
+        pair = np.stack([(c - root) / 2, (c + root) / 2])
+        # |1 - u| < 1, without the cancellation near 1
+        inside = 2 * pair.real > np.abs(pair) ** 2
+        return c, np.where(inside[1], pair[1], pair[0])
 
     def filter_gain(self, offset: ArrayLike) -> Complexes:
         """Return the complex gain of the steady-state causal filter with the same process noise, as `smoother_gain`.
@@ -218,7 +174,7 @@ class Bandwidth:
         For narrow bandwidths it is 3 dB down at 1.554, 2.565, 3.279 and 4.080 times the smoother's offset, and peaks at
         0, 2.1, 4.0 and 5.2 dB next to the order, for 1 to 4 poles.
         """
-        u = self._pole_distances
+        _, u = self._factors
         ahead = np.expm1(2j * np.pi * np.asarray(offset, dtype=np.float64))[..., None]
         return np.asarray(1 - np.prod((1 - u) * ahead / (ahead + u), axis=-1))
 
@@ -229,7 +185,7 @@ class Bandwidth:
         With `u_i = 1 - z_i` of its closed-loop poles and `e_j` their elementary symmetric polynomials, they solve
         `sum_(i >= j) C(i - 1, i - j) k_i = e_j`: the coefficients of the characteristic polynomial in z - 1.
         """
-        symmetric = np.poly(-self._pole_distances)[1:].real
+        symmetric = np.poly(-self._factors[1])[1:].real
         shares = np.zeros(self.poles)
         for j in range(self.poles - 1, -1, -1):
             shares[j] = symmetric[j] - sum(comb(i, i - j) * shares[i] for i in range(j + 1, self.poles))
@@ -238,28 +194,12 @@ class Bandwidth:
     @cached_property
     def filter_decay(self) -> float:
         """Decay rate per sample of the slowest closed-loop pole of the causal filter: one over its time constant."""
-        return float(-_log_radius(self._pole_distances).max())
+        return float(-_log_radius(self._factors[1]).max())
 
 
-def quadrature_noise(orders: ArrayLike, noise_variance: float) -> Floats:
+def quadrature_noise(orders: Floats, noise_variance: float) -> Floats:
     """Return N of each order: R for the mean, 2 R for any other."""
-    noise = positive(noise_variance, name="noise_variance")
-    return np.where(real_array(orders, name="orders") == 0.0, 1.0, 2.0) * noise
-
-
-def _checked_width(bandwidth: ArrayLike, rate: float, orders: ArrayLike) -> Floats:
-    """Return bandwidths in cycles per sample, or refuse what is not between zero and the rate."""
-    width = real_array(bandwidth, name="bandwidth").astype(np.float64) / positive(rate, name="rate")
-    if not np.all((width > NARROWEST) & (width <= 1)):
-        raise ValueError(
-            f"bandwidth={brief(bandwidth)} must be above zero and at most the rate, {rate:g}; give it in the units "
-            "of the rate."
-        )
-    if width.size != 1 != np.size(orders) != width.size:
-        raise ValueError(
-            f"bandwidth={brief(bandwidth)}, orders={brief(orders)}: give one number, or one for each order."
-        )
-    return width
+    return np.where(orders == 0.0, 1.0, 2.0) * noise_variance
 
 
 def variance_ratio(width: ArrayLike, poles: int) -> Floats:
@@ -268,27 +208,6 @@ def variance_ratio(width: ArrayLike, poles: int) -> Floats:
     return np.asarray((2 * sine) ** (2 * poles) / HALF_POWER)
 
 
-def _width(ratio: Floats, poles: int) -> Floats:
-    """Return the width in cycles a sample for q / N, NaN where there is none."""
-    sine = 0.5 * (HALF_POWER * ratio) ** (0.5 / poles)
-    return np.where(sine <= 1.0, np.arcsin(np.minimum(sine, 1.0)) * (2 / np.pi), np.nan)
-
-
 def _log_radius(u: Complexes) -> Floats:
     """Return the logarithm of `abs(1 - u)`, to full relative precision where u is small."""
     return np.asarray(0.5 * np.log1p(np.abs(u) ** 2 - 2 * u.real))
-
-
-def _factors(width: ArrayLike, poles: int) -> tuple[Complexes, Complexes]:
-    """Return the roots c of `c^poles = -q / N` and, to full relative precision, 1 - z of the z inside the circle.
-
-    `u = 1 - z` solves `u^2 - c u + c = 0`; both have a last axis of `poles`.
-    """
-    corner = (2 * np.sin(0.5 * np.pi * np.asarray(width, dtype=np.float64)[..., None])) ** 2
-    turn = np.exp(1j * np.pi * (2 * np.arange(poles) + 1) / poles)
-    c = corner * HALF_POWER ** (-1 / poles) * turn
-    root = np.sqrt(c * (c - 4))
-    pair = np.stack([(c - root) / 2, (c + root) / 2])
-    # |1 - u| < 1, without the cancellation near 1
-    inside = 2 * pair.real > np.abs(pair) ** 2
-    return c, np.where(inside[1], pair[1], pair[0])

@@ -77,11 +77,11 @@ class OrderTracks:
     gaps, where orders are too close to be told apart, and where the shaft rests:
 
     >>> import numpy as np
-    >>> from signals.harmonics import isolated_std, track_orders
+    >>> from signals.harmonics import Bandwidth, track_orders
     >>> angle = 2 * np.pi * 25 * np.arange(5000) / 5000
     >>> tracks = track_orders(angle, phase_rad=angle, orders=[3], bandwidth_hz=10, rate_hz=5000, noise_variance=0.01)
-    >>> theory = isolated_std(orders=[3], bandwidth=10, rate=5000, poles=1, noise_variance=0.01)
-    >>> bool(np.isclose(tracks.std[0, 2500], theory[0], rtol=0.01))
+    >>> theory = Bandwidth(width=10 / 5000, poles=1).isolated_std(0.01)
+    >>> bool(np.isclose(tracks.std[0, 2500], theory, rtol=0.01))
     True
     """
 

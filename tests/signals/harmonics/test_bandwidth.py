@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.linalg import solve_discrete_are
 
-from signals.harmonics.bandwidth import Bandwidth, isolated_std, process_variance
+from signals.harmonics.bandwidth import Bandwidth
 
 POLES = [1, 2, 3, 4]
 # Widths of the causal filter over the smoother's, and its peaks in dB, for narrow bandwidths: the standard jobs.
@@ -22,7 +22,7 @@ def steady_filter(width, poles):
 
     The walk counts its differences backwards: the level takes all of them along, and the noise enters everywhere.
     """
-    q = process_variance(orders=[1], bandwidth=width, rate=1.0, poles=poles, noise_variance=0.5)[0]
+    q = Bandwidth(width=width, poles=poles).weight ** -2  # in noise of variance 0.5, of which it has twice as much
     move = np.triu(np.ones((poles, poles)))
     see = np.eye(poles)[:1]
     predicted = solve_discrete_are(move.T, see.T, q * np.ones((poles, poles)), np.eye(1))
@@ -49,7 +49,7 @@ def test_bandwidths_below_the_last_digit_of_one_keep_theirs(poles, width):
     # The circle itself is good to its own radius, 5e-9 at the widest.
     assert_allclose(narrow.filter_decay, radius * sines.min(), rtol=1e-8)
     assert np.abs(narrow.filter_gain(0.5 * width * WIDTH_RATIO[poles])) == pytest.approx(np.sqrt(0.5), abs=3e-4)
-    std = isolated_std(orders=[1], bandwidth=width, rate=1.0, poles=poles, noise_variance=0.5, estimator="filter")
+    std = narrow.isolated_std(0.5, estimator="filter")
     assert_allclose(std**2, radius * sines.sum(), rtol=1e-8)
     assert_allclose(narrow.smoother_gain([0.0, width / 2, 0.1]), [1, np.sqrt(0.5), 0], rtol=1e-8, atol=1e-8)
 
@@ -79,21 +79,19 @@ def test_filter_gain_is_that_of_the_steady_kalman_filter(poles, width):
 @pytest.mark.parametrize("width", [0.01, 0.1, 0.6])
 def test_filter_std_solves_the_riccati_equation(poles, width):
     predicted = steady_filter(width, poles)[2][0, 0]
-    std = isolated_std(orders=[2, 0], bandwidth=width, rate=1.0, poles=poles, noise_variance=0.5, estimator="filter")
-    expected = np.sqrt(predicted / (predicted + 1))
-    assert_allclose(std, [expected, expected / np.sqrt(2)], rtol=1e-9)  # the mean sees R, not 2 R
+    std = Bandwidth(width=width, poles=poles).isolated_std(0.5, estimator="filter")
+    assert_allclose(std, np.sqrt(predicted / (predicted + 1)), rtol=1e-9)
 
 
 @pytest.mark.parametrize("poles", POLES)
 def test_smoother_std_is_that_of_a_dense_problem(poles):
     width, samples, noise = 0.08, 600, 3.0
-    q = process_variance(orders=[0], bandwidth=width, rate=1.0, poles=poles, noise_variance=noise)[0]
+    band = Bandwidth(width=width, poles=poles)
+    q = noise / band.weight**2
     difference = np.diff(np.eye(samples), poles, axis=0)
     covariance = np.linalg.inv(np.eye(samples) / noise + difference.T @ difference / q)
-    std = isolated_std(orders=[0, 1], bandwidth=width, rate=1.0, poles=poles, noise_variance=noise)
     # The ends, 24 bandwidths away, are forgotten at exp(-2 pi 24 sin(pi / 8)) or faster; rounding: condition 4^p N / q.
-    expected = np.sqrt(covariance[samples // 2, samples // 2])
-    assert_allclose(std, [expected, expected * np.sqrt(2)], rtol=1e-8)
+    assert_allclose(band.isolated_std(noise / 2) ** 2, covariance[samples // 2, samples // 2], rtol=2e-8)
 
 
 @given(width=st.floats(1e-6, 1.0), poles=st.integers(1, 4))
@@ -101,12 +99,6 @@ def test_weight_and_width_are_inverse(width, poles):
     weight = Bandwidth(width=width, poles=poles).weight
     # At half of the rate the sine is flat: there its argument has half the digits.
     assert_allclose(Bandwidth.from_weight(weight * (1 + 1e-12), poles=poles).width, width, rtol=1e-5)
-
-
-def test_weight_squared_is_noise_over_process_variance():
-    for order, seen in ((0, 1.0), (1, 2.0)):
-        q = process_variance(orders=[order], bandwidth=0.02, rate=1.0, poles=3, noise_variance=0.7)[0]
-        assert Bandwidth(width=0.02, poles=3).weight == pytest.approx(np.sqrt(seen * 0.7 / q), rel=1e-12)
 
 
 def test_what_makes_no_bandwidth_is_refused():
@@ -118,4 +110,4 @@ def test_what_makes_no_bandwidth_is_refused():
     with pytest.raises(ValueError, match=rf"weight=0.1 with poles=2 .* above {least:.3g}\."):
         Bandwidth.from_weight(0.1, poles=2)
     with pytest.raises(ValueError, match=r"estimator='smother' is unknown"):
-        isolated_std(orders=[1], bandwidth=0.1, rate=1.0, poles=1, noise_variance=1.0, estimator="smother")
+        Bandwidth(width=0.1, poles=1).isolated_std(1.0, estimator="smother")

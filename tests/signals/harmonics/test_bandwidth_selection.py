@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics.bandwidth import process_variance
+from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 from signals.harmonics.bandwidth_selection import likely_bandwidth
 
 POLES = [1, 2, 3, 4]
@@ -13,7 +13,7 @@ POLES = [1, 2, 3, 4]
 def drawn(rng, *, orders, phase, bandwidth, poles, noise=0.25):
     """Return a record whose amplitudes are the model's integrated walks, sample by sample."""
     orders = np.asarray(orders)
-    q = process_variance(orders=orders, bandwidth=bandwidth, rate=1.0, poles=poles, noise_variance=noise)
+    q = quadrature_noise(orders, noise) * variance_ratio(bandwidth, poles)
     walk = np.sqrt(q)[:, None, None] * rng.standard_normal((orders.size, 2, phase.size))
     for _ in range(poles):
         walk = np.cumsum(walk, axis=-1)

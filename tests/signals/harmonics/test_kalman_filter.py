@@ -8,7 +8,7 @@ from amplitude_oracle import Case
 from jobs import standard_job
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import process_variance, track_orders
+from signals.harmonics import track_orders
 from signals.harmonics.bandwidth import Bandwidth
 
 
@@ -163,7 +163,7 @@ def test_settled_gains_add_no_more_than_their_bound_to_the_error(poles, apart):
     rng, n = np.random.default_rng(poles), 50_000
     phase = 2 * np.pi * 0.1 * np.arange(n)
     numbers = 1 + width * apart / 0.1 * np.arange(orders)
-    q = process_variance(orders=[1.0], bandwidth=[width], rate=1.0, poles=poles, noise_variance=1.0)[0]
+    q = 2 / Bandwidth(width=width, poles=poles).weight ** 2
     truth = np.sqrt(q) * (rng.standard_normal((orders, n)) + 1j * rng.standard_normal((orders, n)))
     for _ in range(poles):
         truth = np.cumsum(truth, axis=1)

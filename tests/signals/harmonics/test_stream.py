@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import process_variance, track_orders
+from signals.harmonics import Bandwidth, track_orders
 from signals.harmonics.stream import OrderTracker
 
 SAMPLES = 3000
@@ -179,7 +179,7 @@ def test_two_hundred_memories_do_not_drift():
             clean + noises[start : start + block], phase_rad=phase + 2 * np.pi * (turned + block // 20 * number)
         )
     # Each quadrature sees noise 2 R: steady state P^2 / (P + 2 R) = q of the prediction, P - q of the filter.
-    q = process_variance(orders=[1], bandwidth=bandwidth, rate=1.0, poles=1, noise_variance=noise)[0]
+    q = 2 * noise / Bandwidth(width=bandwidth, poles=1).weight ** 2
     predicted = (q + np.sqrt(q**2 + 8 * q * noise)) / 2
     # The formula averages over a turn; within it the variance moves by the gain, 4e-4 of itself.
     assert_allclose(tracks.std[0] ** 2, predicted - q, rtol=1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import process_variance, track_orders
+from signals.harmonics import Bandwidth, track_orders
 
 ORDERS = np.array([1.0, 2.2])
 NOISE, INITIAL_STD = 0.25, 1.0
@@ -15,8 +15,8 @@ def drawn(rng, *, records, samples, bandwidth, poles):
 
     Levels and differences start as the tracker's prior says, so that every output is covered, those at ends too.
     """
-    q = process_variance(orders=ORDERS, bandwidth=bandwidth, rate=1.0, poles=poles, noise_variance=NOISE)
-    walk = np.sqrt(q)[:, None] * rng.standard_normal((records, 2, 2, samples))  # record, part, order, sample
+    q = 2 * NOISE / Bandwidth(width=bandwidth, poles=poles).weight ** 2
+    walk = np.sqrt(q) * rng.standard_normal((records, 2, 2, samples))  # record, part, order, sample
     for power in reversed(range(poles)):
         # The first value is that of the `power`-th difference; its own differences lie before the record.
         walk[..., 0] = INITIAL_STD * (2 * np.pi * bandwidth) ** power * rng.standard_normal(walk.shape[:-1])

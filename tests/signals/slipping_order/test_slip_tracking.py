@@ -7,7 +7,7 @@ from scipy.io import loadmat
 from scipy.optimize import least_squares
 
 from signals.demodulation.envelope import envelope
-from signals.harmonics import process_variance, track_orders
+from signals.harmonics import Bandwidth, track_orders
 from signals.resampling.resampling import angular_resample
 from signals.shaft.tachometer import shaft_phase
 from signals.slipping_order.slip_tracking import track_slipping_order
@@ -34,7 +34,7 @@ def drawn(seed, *, revolutions, samples_per_rev, noise, bandwidth, change, harmo
     n = revolutions * samples_per_rev
     slip = rng.uniform(-0.01, 0.01) + np.cumsum(change / np.sqrt(samples_per_rev) * rng.standard_normal(n))
     phase, turn = line(slip, samples_per_rev=samples_per_rev)
-    q = process_variance(orders=[1], bandwidth=bandwidth, rate=samples_per_rev, poles=1, noise_variance=noise)[0]
+    q = 2 * noise / Bandwidth(width=bandwidth / samples_per_rev, poles=1).weight ** 2
     walk = rng.standard_normal((2, harmonics, n)) * np.sqrt(q)
     amplitude = np.exp(2j * np.pi * rng.uniform(size=(harmonics, 1))) + np.cumsum(walk[0] + 1j * walk[1], axis=1)
     number = np.arange(1, harmonics + 1)[:, None]
@@ -132,7 +132,7 @@ def test_the_smoother_is_the_optimum_that_scipy_finds(harmonics, order, block, b
         noise_variance=noise,
     )
     middle = phase[track.sample_index]
-    q = process_variance(orders=[1], bandwidth=width, rate=samples_per_rev, poles=1, noise_variance=noise)[0] * block
+    q = 2 * noise / Bandwidth(width=width / samples_per_rev, poles=1).weight ** 2 * block
     unit = np.sqrt(noise)
 
     def residuals(state):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import binom
 
-from signals.harmonics import process_variance
+from signals.harmonics import Bandwidth
 from signals.slipping_order.slip_tracking import track_slipping_order
 
 ORDER, PER_REV, CHANGE, WIDTH = 9.46, 64, 5e-4, 0.05
@@ -39,7 +39,7 @@ def drawn(rev, *, seed, noise=0.5):
     change = CHANGE * np.sqrt(np.abs(step) / (2 * np.pi))
     slip = rng.uniform(-0.01, 0.01) + np.append(0.0, np.cumsum(change * rng.standard_normal(step.size)))
     turn = np.append(0.0, np.cumsum(ORDER * slip[:-1] * step))
-    q = process_variance(orders=[1], bandwidth=WIDTH, rate=PER_REV, poles=1, noise_variance=noise)[0]
+    q = 2 * noise / Bandwidth(width=WIDTH / PER_REV, poles=1).weight ** 2
     walk = rng.standard_normal((2, rev.size)) * np.sqrt(q)
     amplitude = np.exp(2j * np.pi * rng.uniform()) + np.cumsum(walk[0] + 1j * walk[1])
     x = (amplitude * np.exp(1j * (ORDER * phase + turn))).real + np.sqrt(noise) * rng.standard_normal(rev.size)
