@@ -10,6 +10,9 @@ following defaults, for steel, which are first estimates only:
   names it, or else one at its centre: the order of magnitude in Chaari's gear pair and the planetary set of Lin and
   Parker (1999). Its rotation is free.
 - Bearings connect links to a rigid frame.
+- The coordinates of each body rotate with the carrier of its meshes, as in Lin and Parker (1999). A link with gears on
+  several carriers has one piece for each; the pieces share their rotation only, like shafts joined by a toothed
+  coupling.
 - A mesh has the constant mean stiffness of ISO 6336-1, a bevel mesh that of its virtual spur gears.
 
 Bevel gears are in contact at mid-face, on the line of contact of their pitch cones; since their axes intersect, their
@@ -296,14 +299,13 @@ def assemble(
     meshes: Mapping[str, MeshProperties] | None = None,
     speeds: Mapping[str, float] | None = None,
     speed_rad_s: float = 0.0,
-    rotating_coordinates: bool = False,
 ) -> Assembly:
     """Return the equations of motion of a declared gearbox.
 
     Parameters
     ----------
     gearbox : Gearbox or Kinematics
-        Teeth, axes and, for meshes without `MeshProperties.geometry`, modules, face widths and pressure angles.
+        Teeth, axes, modules, face widths and pressure angles.
     motions : {"torsion", "plane", "space"}
         Degrees of freedom of each body: rotation only; also x and y, transverse to all axes; also axial motion and
         tilt. Axes that are not parallel need torsion or space. In torsion, planets do not move relative to the carrier
@@ -314,16 +316,12 @@ def assemble(
         Support stiffnesses that replace the defaults. A link of the frame that is named here or in `inertias` becomes
         a body of its own, such as a ring in an elastic housing.
     meshes : mapping of mesh, or of one contact, to MeshProperties, optional
-        Mesh stiffness, transmission error, backlash, damping and geometry.
+        Mesh stiffness, transmission error, backlash, damping and friction.
     speeds : mapping of link to speed, optional
         As for `Kinematics.rates`; the reference at unit speed if left out. They determine which flanks are in contact
         and the mesh cycles per revolution of the reference.
     speed_rad_s : float
         Speed of the reference in rad/s; a value other than 0 adds gyroscopic terms.
-    rotating_coordinates : bool
-        Whether the coordinates of each body rotate with the carrier of its meshes, as in Lin and Parker (1999). A link
-        with gears on several carriers then has one piece for each; the pieces share their rotation only, like shafts
-        joined by a toothed coupling.
 
     Returns
     -------
@@ -362,8 +360,7 @@ def assemble(
     if motions not in MOTIONS:
         raise ValueError(f'motions = "{motions}" is not one of {", ".join(MOTIONS)}.')
     given = dict(meshes or {})
-    geometries = {name: item.geometry for name, item in given.items() if item.geometry is not None}
-    contacts = contacts_of(kinematics, geometries)
+    contacts = contacts_of(kinematics)
     _refuse_unknown(
         kinematics,
         links={"inertias": list(inertias or {}), "supports": list(supports or {})},
@@ -387,7 +384,6 @@ def assemble(
         elastic_links=tuple(link for link in named if kinematics.bodies.get(link) == frame),
         axis_points=axis_points(kinematics, contacts) if motions != "torsion" else {},
         speeds=speeds,
-        rotating_coordinates=rotating_coordinates,
     )
     _refuse_nested(parts)
     every, holds, teeth = [*bodies(parts)], [*supports_of(parts)], [*mesh_elements(parts)]

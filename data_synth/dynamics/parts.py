@@ -20,7 +20,6 @@ from data_synth.dynamics.placement import (
 )
 from data_synth.dynamics.system import Array, Vector
 from data_synth.gears.friction import SlidingFriction
-from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Constant, Shifted, Stiffness
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from hums.gearbox.kinematics import Kinematics
@@ -92,7 +91,7 @@ class SupportStiffness:
 
 @dataclass(frozen=True, kw_only=True)
 class MeshProperties:
-    """Stiffness, transmission error, backlash and geometry of a mesh, the same for all planets.
+    """Stiffness, transmission error, backlash and friction of a mesh, the same for all planets.
 
     Attributes
     ----------
@@ -104,8 +103,6 @@ class MeshProperties:
         Half the backlash in m.
     damping : float
         N s/m along the line of action.
-    geometry : GearPair or None
-        Geometry of the teeth, if the gearbox does not declare it.
     friction_coefficient : float
         Coefficient of sliding friction between the flanks, for external gears on parallel axes.
     friction_cycles : float
@@ -125,7 +122,6 @@ class MeshProperties:
     error: TransmissionError | None = None
     backlash_m: float = 0.0
     damping: float = 0.0
-    geometry: GearPair | None = None
     friction_coefficient: float = 0.0
     friction_cycles: float = 0.0
 
@@ -147,7 +143,6 @@ class Parts:
     elastic_links: tuple[str, ...]
     axis_points: Mapping[str, Array]
     speeds: Mapping[str, float] | None
-    rotating_coordinates: bool = False
 
     @property
     def frame(self) -> str:
@@ -246,7 +241,7 @@ class Parts:
 
         These are the carriers of its meshes, its own carrier, and itself if it carries planets.
         """
-        if not self.rotating_coordinates or self.torsion:
+        if self.torsion:
             return (self.frame,)
         joints = self.kinematics.joints
         found = [contact.carrier for contact, _ in self.gears(body)]

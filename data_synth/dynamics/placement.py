@@ -141,8 +141,8 @@ class Contact:
         return self.pair if self.cone is None else self.cone.virtual_spur_gears(self.pair)
 
 
-def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> tuple[Contact, ...]:
-    """Return every contact with its geometry: that in `geometries` under the name of its mesh, or as declared.
+def contacts_of(kinematics: Kinematics) -> tuple[Contact, ...]:
+    """Return every contact with its geometry, as declared.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
                 links=links,
                 teeth=teeth,
                 carrier=contact.carrier,
-                pair=geometries.get(contact.mesh) or _pair(declared[contact.mesh], signed, cone, swapped=swapped),
+                pair=_pair(declared[contact.mesh], signed, cone, swapped=swapped),
                 parallel=parallel,
                 swapped=swapped,
                 cone=cone,
@@ -189,7 +189,7 @@ def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: boo
     if missing:
         raise ValueError(
             f'mesh "{mesh.name}" declares no {" and no ".join(missing)}, needed for its radii and stiffness; declare '
-            "it in the gearbox, or give MeshProperties(geometry=GearPair(...))."
+            "it in the gearbox."
         )
     shift = mesh.profile_shift or (0.0, 0.0)
     pair = GearPair(

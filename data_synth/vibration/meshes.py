@@ -86,9 +86,9 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[
     where damaged teeth lose contact.
     """
     try:
-        contacts = contacts_of(kinematics, {})
+        contacts = contacts_of(kinematics)
     except ValueError as caught:
-        words = str(caught).split(", without")[0]
+        words = str(caught).split("; declare")[0]
         raise SceneError(
             f'{words}; declare it in the gearbox, or as dynamics.meshes = {{ "{stage.scene.gearbox.meshes[0].name}" = '
             "{ module_mm = ..., face_width_mm = ..., pressure_angle_deg = ... } }."

@@ -76,7 +76,6 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
             supports=dict(_supports(scene, kinematics)),
             meshes={name: teeth.properties for name, teeth in gears.teeth.items()},
             speed_rad_s=speed_rad_s,
-            rotating_coordinates=True,
         )
     except ValueError as caught:
         words = str(caught)

@@ -28,7 +28,7 @@ def scene(teeth, shifts=None, *, reference="sun", **changes):
 def ready(made, seed):
     """Return cycles at revolution zero and geometry of the first contact of the sun and of the ring."""
     gears = prepare_gears(prepare_scene(made, rng_for=partial(random_stream, seed)))
-    contacts = {contact.name: contact for contact in contacts_of(gears.kinematics, {})}
+    contacts = {contact.name: contact for contact in contacts_of(gears.kinematics)}
     firsts = [contacts[f"{mesh} 1"] for mesh in ("sun-planet", "planet-ring")]
     return [(gears.teeth[contact.name].properties.friction_cycles, contact.pair) for contact in firsts]
 
