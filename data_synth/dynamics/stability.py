@@ -378,39 +378,32 @@ class _Periodic:
 
     def _product(self, period_s: float, steps: int) -> Array:
         """Return the product of matrix exponentials of `steps` per period, at least one per interval."""
-        rates, product = self._mean_rate() / 2, np.eye(2 * self.angular.size)
-        near, far = 0.25 + _GAUSS, 0.25 - _GAUSS
+        product, near, far = np.eye(2 * self.angular.size), 0.25 + _GAUSS, 0.25 - _GAUSS
         for start, stop in zip(self.breaks[:-1].tolist(), self.breaks[1:].tolist(), strict=True):
             count = max(1, math.ceil(steps * (stop - start) / float(self.revolutions)))
             length = (stop - start) / count
             middles = start + (np.arange(count) + 0.5) * length
-            early, late = (self._variation(middles + sign * _GAUSS * length) for sign in (-1, 1))
-            halves = np.stack([rates + near * early + far * late, rates + far * early + near * late], axis=1)
-            product = chained(exponentials(length * period_s * halves.reshape(-1, *rates.shape))) @ product
+            early, late = (self._rates(middles + sign * _GAUSS * length) for sign in (-1, 1))
+            halves = np.stack([near * early + far * late, far * early + near * late], axis=1)
+            product = chained(exponentials(length * period_s * halves.reshape(-1, *product.shape))) @ product
         return np.asarray(product)
 
-    def _mean_rate(self) -> Array:
-        """Return A of ``z' = A z`` at mean stiffness."""
+    def _rates(self, revolutions: Array) -> Array:
+        """Return A of ``z' = A z`` at angles of the reference in rev, (angle, 2 mode, 2 mode)."""
         size = self.angular.size
-        rates = np.zeros((2 * size, 2 * size))
-        rates[:size, size:] = np.diag(self.scale)
-        rates[size:, :size] = -np.diag(self.angular**2 / self.scale)
-        rates[size:, size:] = -self.velocity * self.scale / self.scale[:, None]
-        return rates
-
-    def _variation(self, revolutions: Array) -> Array:
-        """Return A minus its mean at angles of the reference in rev, (angle, 2 mode, 2 mode)."""
-        size = self.angular.size
-        change = np.zeros((revolutions.size, 2 * size, 2 * size))
+        rates = np.zeros((revolutions.size, 2 * size, 2 * size))
+        rates[:, :size, size:] = np.diag(self.scale)
+        rates[:, size:, :size] = -np.diag(self.angular**2 / self.scale)
+        rates[:, size:, size:] = -self.velocity * self.scale / self.scale[:, None]
         for mesh in self.system.meshes:
             modal, phase = self.shapes.T @ mesh.direction, mesh.cycles_per_rev * revolutions
             stiffness = mesh.stiffness(phase)
             varying = stiffness - mesh.stiffness.mean
-            change[:, size:, :size] -= varying[:, None, None] * np.outer(modal / self.scale, modal)
+            rates[:, size:, :size] -= varying[:, None, None] * np.outer(modal / self.scale, modal)
             for force in mesh.friction:
                 across = self.shapes.T @ force.direction / self.scale
-                change[:, size:, :size] += (stiffness * force.factor(phase))[:, None, None] * np.outer(across, modal)
-        return change
+                rates[:, size:, :size] += (stiffness * force.factor(phase))[:, None, None] * np.outer(across, modal)
+        return rates
 
 
 def _revolutions(system: System) -> Fraction:
