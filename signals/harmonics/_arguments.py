@@ -1,7 +1,6 @@
 """Checks of the trackers' arguments: records, phases, orders, bandwidths."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,14 +69,12 @@ def check_orders(
     return np.array([order for _, order in pairs]), names, shaft, tuple(angles.values())
 
 
-def check_bandwidth(
-    *, shaft: Indices, phases: tuple[Floats, ...], **given: ArrayLike | None
-) -> tuple[Floats, dict[str, Any]]:
+def check_bandwidth(*, shaft: Indices, phases: tuple[Floats, ...], **given: ArrayLike | None) -> tuple[Floats, Floats]:
     """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them.
 
     Given are, under the names of the caller, a bandwidth in Hz, one in orders, `rate_hz` and `samples_per_rev`, two of
     them None. Returned is the bandwidth in cycles per sample, (order, 1), or (order, sample) where it varies; and as
-    the results state it, the means in the given units and in cycles per sample.
+    the results state it, the (order,) means in the given unit.
     """
     in_hz, in_orders, *_ = given
     names = [name for name, value in given.items() if value is not None]
@@ -98,24 +95,28 @@ def check_bandwidth(
     steps = [np.gradient(phase) if phase.size > 1 else np.zeros(1) for phase in phases] if by_speed else []
     cycles = width * (np.abs(np.stack(steps)) / (2 * np.pi))[shaft] if by_speed else width / per_sample
     _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
-    return cycles, {"bandwidth": width.mean(axis=1), "bandwidth_cycles": cycles.mean(axis=1)}
+    return cycles, width.mean(axis=1)
 
 
 def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:
     """Return a bandwidth as an (order, 1 or sample) array, or refuse its shape."""
     width = _real_array(name, value, dims=(0, 1, 2))
     if width.ndim < 2:  # noqa: PLR2004
-        if width.size not in (1, orders):
-            raise ValueError(
-                f"{name} has {width.size} values for {orders} orders; pass one number for all, or one each."
-            )
-        width = width.reshape(-1, 1)
-    elif width.shape not in ((1, samples), (orders, samples)):
+        return per_order(width, name, orders=orders)[:, None]
+    if width.shape not in ((1, samples), (orders, samples)):
         raise ValueError(
             f"{name} has shape {width.shape} for {orders} orders and {samples} samples; a bandwidth that varies in "
             f"time needs the shape (1, {samples}) for all orders alike, or ({orders}, {samples})."
         )
     return np.repeat(width, orders, axis=0) if len(width) != orders else width
+
+
+def per_order(value: ArrayLike | None, name: str, *, orders: int) -> Floats:
+    """Return one number for all orders, or one each, as an (order,) array, or refuse its shape."""
+    values = _real_array(name, value, dims=(0, 1))
+    if values.size not in (1, orders):
+        raise ValueError(f"{name} has {values.size} values for {orders} orders; pass one number for all, or one each.")
+    return np.resize(values, orders)
 
 
 def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate: float | None) -> None:
@@ -145,7 +146,7 @@ def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate:
 def check_model(
     *, orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], samples: int,
     noise_variance: object, initial_std: object, poles: int, **bandwidth: ArrayLike | None,
-) -> tuple[HarmonicModel, tuple[str, ...], dict[str, Any], float | None]:  # fmt: skip
+) -> tuple[HarmonicModel, tuple[str, ...], Floats, float | None]:  # fmt: skip
     """Return the model, the shafts' names, the bandwidths as results state them and R, or refuse what is wrong."""
     numbers, names, shaft, phases = check_orders(orders, phase_rad, samples=samples)
     cycles, means = check_bandwidth(shaft=shaft, phases=phases, **bandwidth)

@@ -14,19 +14,18 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-from math import ceil, sqrt
+from dataclasses import replace
+from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from signals._validation import checked, positive, real_array
-from signals.harmonics._arguments import check_model, check_record
+from signals._validation import checked, positive
+from signals.harmonics._arguments import check_model, check_record, per_order
 from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
-from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
-from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together
+from signals.harmonics.block_smoother import block_length, residuals, scattered_share
+from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together, smooth_coupled
 from signals.harmonics.node_chain import Information, filter_nodes, integrate_out
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
@@ -59,38 +58,27 @@ SWEEPS = 5
 SUBTRACTED, DROOP = 3e-4, 8e-3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ChainLikelihood:
-    """The likelihood of data at nodes as a function of the bandwidths."""
+def chain_likelihood(model: HarmonicModel, length: int, chain: NodeChain) -> Callable[[Floats], Floats]:
+    """Return the function from (order,) bandwidths in cycles per sample to (lane,) log likelihoods, less a constant.
 
-    model: HarmonicModel  # of the orders
-    length: int  # samples between nodes
-    # Of two poles at least, in noise of unit variance: amplitudes of one pole are straight lines between nodes, too,
-    # with independent differences.
-    chain: NodeChain
+    The chain of nodes, `length` samples apart, has two poles at least, in noise of unit variance: amplitudes of one
+    pole are straight lines between nodes, too, with independent differences.
+    """
+    measured, noise = chain.measured(slice(0, len(chain.data))), quadrature_noise(model.orders, 1.0 / length)
+    columns = len(chain.before.matrix) // max(2, model.poles)  # one where orders share it
 
-    @cached_property
-    def measured(self) -> tuple[Floats, Floats]:
-        """Information in the data."""
-        return self.chain.measured(slice(0, len(self.chain.data)))
-
-    @cached_property
-    def noise(self) -> Floats:
-        """(order,) array, noise of a quadrature between nodes, for noise of unit variance."""
-        return quadrature_noise(self.model.orders, 1.0 / self.length)
-
-    def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
-        """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
-        ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
-        columns = len(self.chain.before.matrix) // max(2, self.model.poles)  # one where orders share it
-        process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
-        state = Information(*(values.copy() for values in self.chain.before))
+    def log_likelihood(bandwidth: Floats) -> Floats:
+        ratio = variance_ratio(np.minimum(bandwidth * length, 1.0), model.poles)
+        process = (ratio * noise)[model.order_of_column[:columns]][None]
+        state = Information(*(values.copy() for values in chain.before))
         (size, lanes), width = state.vector.shape, process.shape[1]
         last, squares = (np.empty((1, width, size)), np.empty((1, width)), np.empty((1, width, lanes))), np.zeros(lanes)
-        log_determinant = filter_nodes(*self.measured, process, self.model.poles == 1, *state, *last, squares)
+        log_determinant = filter_nodes(*measured, process, model.poles == 1, *state, *last, squares)
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
         log_determinant += integrate_out(state, squares)[0]
         return np.asarray((squares - log_determinant) / 2)
+
+    return log_likelihood
 
 
 @checked
@@ -168,7 +156,7 @@ def _checked(
     if np.isnan(channels).all():
         raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
     record = np.asarray(channels[0])
-    model, _, means, _ = check_model(
+    model, _, widths, _ = check_model(
         orders=orders, phase_rad=phase_rad, samples=record.size, noise_variance=None, initial_std=None, poles=poles,
         **largest,
     )  # fmt: skip
@@ -177,14 +165,16 @@ def _checked(
             "largest_bandwidth_orders with rate_hz follows the speed, but one bandwidth is sought for a record; pass "
             "largest_bandwidth_hz, or samples_per_rev for a record sampled in angle."
         )
-    width, cycles = float(means["bandwidth"][0]), float(means["bandwidth_cycles"][0])
+    width, cycles = float(widths[0]), float(model.bandwidth[0, 0])
     if cycles * record.size < _LEAST_SHARE:
         raise ValueError(
             f"the largest bandwidth, {width:g}, is far below what {record.size} samples can show, "
             f"{width / cycles / record.size:.3g}; give that or more."
         )
-    noise = None if noise_variance is None else _check_noise(noise_variance, model.orders.size)
-    return model, record, noise, width / cycles
+    if noise_variance is None:
+        return model, record, None, width / cycles
+    noise = per_order(noise_variance, "noise_variance", orders=model.orders.size)
+    return model, record, np.array([positive(item, name="noise_variance") for item in noise.tolist()]), width / cycles
 
 
 def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
@@ -194,13 +184,12 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     smooth = replace(model, poles=max(2, model.poles))
     length = block_length(smooth, x.size, DROOP)
     grid = Grid(model=smooth, x=x[None], seen=seen, length=length, tolerance=SUBTRACTED)
-    startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-    fit = BlockFit.of(grid)
+    smoothed, _ = smooth_coupled(grid)
     if noise is None:
-        white = fit.residuals(startup).mean_square
+        white = residuals(grid, smoothed, min(smooth.startup, x.size // 2)).mean_square
         noise = noise_density(x[None], seen, model, white, curved=False)[0][0].mean(axis=-1)
     std = np.sqrt(np.where(noise > 0, noise, 1.0))
-    others = WithoutOthers(grid, fit.smoothed.levels)
+    others = WithoutOthers(grid, smoothed.levels)
     alone, near = _groups(Closeness.of(smooth), seen, length)
     nodes = replace(grid, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / length)))
     data, counts = others.alone(alone) / std[alone, None, None], nodes.at_nodes(nodes.seen_counts)
@@ -214,8 +203,8 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
     tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
     for group, chain in chains:
-        likelihood = ChainLikelihood(model=model.subset(group), length=length, chain=chain)
-        found[group] = _maximise(likelihood.log_likelihood, tried, orders=group.size)
+        likelihood = chain_likelihood(model.subset(group), length, chain)
+        found[group] = _maximise(likelihood, tried, orders=group.size)
     return found
 
 
@@ -246,12 +235,3 @@ def _groups(closeness: Closeness, seen: Flags, block: int) -> tuple[Indices, lis
         near |= np.eye(len(near), dtype=np.bool_)
     groups = components(near)
     return np.flatnonzero(~near.any(axis=1)), groups
-
-
-def _check_noise(value: ArrayLike, orders: int) -> Floats:
-    noise = real_array(value, name="noise_variance").astype(np.float64)
-    if noise.shape not in ((), (orders,)):
-        raise ValueError(
-            f"noise_variance has shape {noise.shape} for {orders} orders; pass one number for all, or one each."
-        )
-    return np.array([positive(item, name="noise_variance") for item in np.broadcast_to(noise, orders).tolist()])

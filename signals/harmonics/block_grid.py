@@ -51,8 +51,8 @@ class Grid:
 
     def reach(self, memories: float) -> int:
         """Return the nodes in so many time constants of the slowest root of the smoother's response."""
-        poles, narrowest = self.model.poles, float(self.model.bandwidth.max(axis=1).min())
-        decay = pi * narrowest * HALF_POWER ** (-0.5 / poles) * sin(0.5 * pi / poles)
+        poles = self.model.poles
+        decay = pi * self.model.narrowest * HALF_POWER ** (-0.5 / poles) * sin(0.5 * pi / poles)
         return int(np.clip(memories / (decay * self.length) + 1, 1, self.nodes))
 
     def spans(self, first_block: int, last_block: int, samples: int = SAMPLES_AT_ONCE) -> Iterator[tuple[slice, slice]]:

@@ -12,14 +12,12 @@ groups. *Exact*: short blocks and all orders jointly, with an error below a few 
 of one sample. See `docs/trackers.md`.
 """
 
-from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import pi, sqrt
 
 import numpy as np
 
 from signals.harmonics.block_grid import Grid, at_outputs, pieces_between
-from signals.harmonics.coupling import Joint, Smoothed, couple, smooth_apart, smooth_jointly
-from signals.harmonics.separability import Closeness
+from signals.harmonics.coupling import Joint, Smoothed, smooth_coupled, smooth_jointly
 from signals.harmonics.state_space import Estimate, Flags, Floats, HarmonicModel, Innovations
 
 FEWEST_BLOCKS = 64
@@ -67,10 +65,11 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
     if length == 1:
         return exact(model, x, seen, output_every=output_every, startup=startup)
-    fit = BlockFit.of(Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance))
+    grid = Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance)
+    smoothed, left = smooth_coupled(grid)
     droop = (pi * model.bandwidth.max() * length) ** 2 / 12  # of an amplitude at the edge of the widest band
-    bound = max(droop, scattered_share(seen, length), tolerance, fit.left)
-    return fit.estimate(fit.residuals(startup), output_every=output_every, error_bound=bound)
+    bound = max(droop, scattered_share(seen, length), tolerance, left)
+    return estimated(grid, smoothed, residuals(grid, smoothed, startup), output_every=output_every, error_bound=bound)
 
 
 def exact(
@@ -92,15 +91,14 @@ def exact(
         smoothed, nodes = Smoothed.empty(grid), slice(0, grid.nodes)
         joint = Joint(np.arange(model.orders.size), nodes, nodes)
         smooth_jointly(grid, joint, grid.at_nodes(grid.moments), smoothed)
-        fit = BlockFit(grid=grid, smoothed=smoothed, left=0.0)
-        residuals = fit.residuals(startup)
-        std = np.sqrt(residuals.mean_square if noise_variance is None else np.full(len(x), noise_variance))
+        innovations = residuals(grid, smoothed, startup)
+        std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
         bend = np.sum(np.abs(np.diff(smoothed.levels, 2)) ** 2, axis=-1) / max(grid.nodes - 2, 1)
         loss, noise = np.sqrt(bend) / 12, np.sqrt(smoothed.variances.mean(axis=1)) * std[:, None]
         lost = float(np.max(np.divide(loss, noise, out=np.zeros_like(noise), where=noise > 0)))
         if length == 1 or lost <= LARGEST_DROOP:
-            return fit.estimate(residuals, output_every=output_every, error_bound=0.0)
+            return estimated(grid, smoothed, innovations, output_every=output_every, error_bound=0.0)
         # The loss grows with the square of the length.
         length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
 
@@ -113,50 +111,36 @@ def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
     return max(1, min(int(LONGEST_EXACT[model.poles > 1] / model.bandwidth.max()), most))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockFit:
-    """Amplitudes at the nodes of a grid, of orders smoothed alone and in coupled groups."""
+def estimated(
+    grid: Grid, smoothed: Smoothed, innovations: Innovations, *, output_every: int, error_bound: float
+) -> Estimate:
+    """Return the estimate at the outputs."""
+    amplitude = at_outputs(smoothed.levels, grid, every=output_every)
+    return Estimate(
+        amplitude=amplitude, variance=smoothed.variances, innovations=innovations, std_spacing=grid.length,
+        error_bound=error_bound,
+    )  # fmt: skip
 
-    grid: Grid  # the record
-    smoothed: Smoothed  # what is estimated
-    left: float  # largest leakage that is not smoothed jointly, relative to the largest amplitude
 
-    @classmethod
-    def of(cls, grid: Grid) -> "BlockFit":
-        """Smooth a record."""
-        smoothed, closeness = smooth_apart(grid), Closeness.of(grid.model)
-        left = couple(grid, closeness, smoothed)
-        if left > 0 and grid.model.poles > 1 and closeness.dwell():
-            left = inf  # what others leave in the difference of such orders does not fade in a memory
-        return cls(grid=grid, smoothed=smoothed, left=left)
+def residuals(grid: Grid, smoothed: Smoothed, startup: int) -> Innovations:
+    """Return statistics of the residuals in segments of the record from sample `startup` on.
 
-    def estimate(self, residuals: Innovations, *, output_every: int, error_bound: float) -> Estimate:
-        """Return the estimate at the outputs, with the statistics of `residuals`."""
-        amplitude, variance = at_outputs(self.smoothed.levels, self.grid, every=output_every), self.smoothed.variances
-        return Estimate(
-            amplitude=amplitude, variance=variance, innovations=residuals, std_spacing=self.grid.length,
-            error_bound=error_bound,
-        )  # fmt: skip
-
-    def residuals(self, startup: int) -> Innovations:
-        """Return statistics of the residuals in segments of the record from sample `startup` on.
-
-        Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
-        covariance of the amplitudes times their regressors.
-        """
-        grid, model = self.grid, self.grid.model
-        pieces = pieces_between(self.smoothed.levels, cubic=model.poles > 1)
-        explained = self.smoothed.explained.sum(axis=0)
-        # With one pole half of a node's samples lie on either side, else all before it.
-        explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
-        at_once, first = RESIDUAL_SAMPLES // SEGMENTS, min(-(-startup // grid.length), grid.blocks - 1)
-        count = min(-(-at_once // grid.length), grid.blocks - first)
-        found, lost, orders = Innovations(np.zeros(len(grid.x))), 0.0, np.arange(model.orders.size)
-        for start in np.unique(np.linspace(first, grid.blocks - count, SEGMENTS).astype(np.int64)).tolist():
-            begin, end = start * grid.length, min((start + count) * grid.length, grid.samples)
-            samples = slice(begin, min(begin + at_once, end))
-            rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
-            found.add(np.where(grid.seen[samples], rest, 0.0), grid.seen[samples])
-            lost += float(explained[start : start + count].sum()) * (samples.stop - begin) / (end - begin)
-        found.square /= max(found.count - lost, 1.0) / max(found.count, 1)
-        return found
+    Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
+    covariance of the amplitudes times their regressors.
+    """
+    model = grid.model
+    pieces = pieces_between(smoothed.levels, cubic=model.poles > 1)
+    explained = smoothed.explained.sum(axis=0)
+    # With one pole half of a node's samples lie on either side, else all before it.
+    explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
+    at_once, first = RESIDUAL_SAMPLES // SEGMENTS, min(-(-startup // grid.length), grid.blocks - 1)
+    count = min(-(-at_once // grid.length), grid.blocks - first)
+    found, lost, orders = Innovations(np.zeros(len(grid.x))), 0.0, np.arange(model.orders.size)
+    for start in np.unique(np.linspace(first, grid.blocks - count, SEGMENTS).astype(np.int64)).tolist():
+        begin, end = start * grid.length, min((start + count) * grid.length, grid.samples)
+        samples = slice(begin, min(begin + at_once, end))
+        rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
+        found.add(np.where(grid.seen[samples], rest, 0.0), grid.seen[samples])
+        lost += float(explained[start : start + count].sum()) * (samples.stop - begin) / (end - begin)
+    found.square /= max(found.count - lost, 1.0) / max(found.count, 1)
+    return found

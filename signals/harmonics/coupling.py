@@ -10,7 +10,7 @@ they leave is then subtracted from the data at the nodes, in rounds, as in the J
 """
 
 from dataclasses import dataclass, replace
-from math import pi
+from math import inf, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -45,14 +45,6 @@ class Smoothed:
         """(order,) array, root mean square amplitudes; ones where all are zero."""
         amplitude = np.sqrt(np.mean(np.abs(self.levels) ** 2, axis=(0, 2)))
         return np.asarray(amplitude if amplitude.any() else np.ones_like(amplitude))
-
-
-def smooth_apart(grid: Grid) -> Smoothed:
-    """Smooth every order as if it were alone."""
-    smoothed = Smoothed.empty(grid)
-    data, gram = grid.at_nodes(grid.moments), grid.at_nodes(grid.seen_counts)
-    smooth_alone(grid, np.arange(grid.model.orders.size), data, gram, smoothed)
-    return smoothed
 
 
 def smooth_alone(
@@ -155,12 +147,14 @@ MOST_WEAK, WEAK, SHORTEST_WEAK = 8, 1e-2, 10
 MOST_STEADY, FEWEST_NODES = 128, 8
 
 
-def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
-    """Smooth jointly, in place, the orders that leak into one another by the estimates of `smooth_apart`.
+def smooth_coupled(grid: Grid) -> tuple[Smoothed, float]:
+    """Smooth every order alone, and jointly those that then leak into one another.
 
-    Returns the largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
+    Returns also the largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
     """
-    size = smoothed.size
+    smoothed, counts = Smoothed.empty(grid), grid.at_nodes(grid.seen_counts)
+    smooth_alone(grid, np.arange(grid.model.orders.size), grid.at_nodes(grid.moments), counts, smoothed)
+    size, closeness = smoothed.size, Closeness.of(grid.model)
     joints, left, weak = _inside(grid, closeness, size)
     together = np.zeros((size.size, grid.nodes), dtype=np.bool_)  # where orders are smoothed with others
     whole = np.zeros(grid.nodes, dtype=np.bool_)  # where all are one group, and no others are left to be subtracted
@@ -169,12 +163,12 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
         whole[joint.kept] |= joint.group.size == size.size
         smooth_jointly(grid, joint, grid.at_nodes(grid.moments[:, :, joint.group])[joint.nodes], smoothed)
     if whole.all():
-        return left
+        return smoothed, left
     near_ends, more = _near_ends(grid, closeness, size)
     near_ends = [joint for joint in near_ends if not whole[joint.kept].all()]
     for joint in near_ends:
         together[joint.group, joint.kept] = True
-    lone, counts = np.flatnonzero(~together.all(axis=1)), grid.at_nodes(grid.seen_counts)
+    lone = np.flatnonzero(~together.all(axis=1))
     for number in range(MOST_ROUNDS):
         before, others = smoothed.levels.copy(), WithoutOthers(grid, smoothed.levels, grid.cut, one_pole=weak)
         smooth_alone(grid, lone, others.alone(lone), counts, smoothed, together=together)
@@ -185,7 +179,10 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> float:
         # The first round also subtracts what others' estimates have of an order itself, as much as they leave in it.
         if number >= weak and np.all(moved.max(axis=2, initial=0.0) <= grid.tolerance * size):
             break
-    return left if weak else max(left, more)
+    left = left if weak else max(left, more)
+    if left > 0 and grid.model.poles > 1 and closeness.dwell():
+        left = inf  # what others leave in the difference of such orders does not fade in a memory
+    return smoothed, left
 
 
 def leaked(grid: Grid, levels: Complexes, nodes: slice) -> Floats:

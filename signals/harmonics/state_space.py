@@ -9,6 +9,7 @@ part of it. `bandwidth` gives q. All but the scale of the covariance depends on 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil
 from typing import Literal
 
 import numpy as np
@@ -59,6 +60,16 @@ class HarmonicModel:
     def state_size(self) -> int:
         """Dimension of the state."""
         return self.poles * self.order_of_column.size
+
+    @property
+    def narrowest(self) -> float:
+        """Smallest of the orders' bandwidths, each the widest of its record."""
+        return float(self.bandwidth.max(axis=1).min())
+
+    @property
+    def startup(self) -> int:
+        """Samples after which innovations count: one time constant, and as many as the state has numbers."""
+        return ceil(1 / self.narrowest) + self.state_size
 
     @cached_property
     def steady_step(self) -> float | None:
@@ -171,7 +182,7 @@ def lost(model: HarmonicModel, method: Method) -> FloatingPointError:
     """Return the error of a covariance that is no longer positive definite."""
     return FloatingPointError(
         f"method={method!r}: the covariance is not positive definite in double precision, with poles={model.poles}, "
-        f"a narrowest bandwidth of {model.bandwidth.max(axis=1).min():.3g} cycles a sample and a prior of "
+        f"a narrowest bandwidth of {model.narrowest:.3g} cycles a sample and a prior of "
         f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth, a "
         "smaller initial_std or, of orders that coincide, one."
     )

@@ -6,7 +6,6 @@ It is the causal Kalman filter of `track_orders(..., estimator="filter")`, conti
 from __future__ import annotations
 
 from dataclasses import replace
-from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -133,13 +132,13 @@ class OrderTracker:
         orders = len(self._orders)
         estimate = filter_on(
             model, block, state, orders=orders, output_every=self._every, steady=steady,
-            startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
+            startup=model.startup,
         )  # fmt: skip
         self._last_phase = phase[:, -1].copy()
         outputs, found = estimate.amplitude.shape[-1], statistics(estimate, self._noise)
         return OrderTracks(
             **{name: squeeze(value, not self._channels) for name, value in found.items()},
-            **self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
+            bandwidth=self._width, orders=model.orders[:orders], shafts=self._names, poles=model.poles,
             method="exact" if self._steady is None else "fast", error_bound=self._error_bound,
             samples=state.count, output_every=self._every,
             std_spacing=estimate.std_spacing,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import ceil
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Orde
 from signals.harmonics.tracking_results import OrderTracks, interpolated
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -134,12 +133,6 @@ def track_orders(
     >>> print(np.abs(tracks.complex_amplitude[:, 2500]).round(3))
     [0. 2.]
     """
-    if clip_limits is not None:
-        return _censored(
-            x, clip_limits, output_every, phase_rad=phase_rad, orders=orders, bandwidth_hz=bandwidth_hz,
-            bandwidth_orders=bandwidth_orders, rate_hz=rate_hz, samples_per_rev=samples_per_rev, poles=poles,
-            estimator=estimator, method=method, rtol=rtol, noise_variance=noise_variance, initial_std=initial_std,
-        )  # fmt: skip
     record = _arguments.check_record(x, smallest=_arguments.SMALLEST if noise_variance is None else 0.0)
     samples = record.shape[1]
     model, shafts, bandwidth, noise_variance = _arguments.check_model(
@@ -160,21 +153,28 @@ def track_orders(
     seen, one = ~np.isnan(record), np.ndim(x) == 1
     chosen = _choose(method, tracked, seen, estimator=estimator, rtol=rtol)
     alike = bool((seen == seen[0]).all())
-    parts = [
-        _tracked(
-            tracked, record[rows], noise_variance, orders=model.orders.size, name="x" if one else f"x[{rows.start}]",
-            estimator=estimator, method=chosen, every=every, rtol=rtol,
-        )
-        for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
-    ]  # fmt: skip
-    spacing, found = (parts[0][0].std_spacing, parts[0][1]) if alike else _joined(parts, samples)
-    return OrderTracks(
-        std_spacing=spacing,
-        orders=model.orders, shafts=shafts, poles=model.poles, method=chosen,
-        samples=samples, output_every=every,
-        error_bound=max(estimate.error_bound for estimate, _ in parts),
-        **bandwidth, **{name: squeeze(value, one) for name, value in found.items()},
-    )  # fmt: skip
+
+    def track(record: Floats, every: int) -> OrderTracks:
+        parts = [
+            _tracked(
+                tracked, record[rows], noise_variance, orders=model.orders.size,
+                name="x" if one else f"x[{rows.start}]", estimator=estimator, method=chosen, every=every, rtol=rtol,
+            )
+            for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
+        ]  # fmt: skip
+        spacing, found = (parts[0][0].std_spacing, parts[0][1]) if alike else _joined(parts, samples)
+        return OrderTracks(
+            **{name: squeeze(value, one) for name, value in found.items()},
+            bandwidth=bandwidth, orders=model.orders, shafts=shafts, poles=model.poles, method=chosen,
+            error_bound=max(estimate.error_bound for estimate, _ in parts),
+            samples=samples, output_every=every, std_spacing=spacing,
+        )  # fmt: skip
+
+    if clip_limits is None:
+        return track(record, every)
+    if estimator != "smoother":
+        raise ValueError('clip_limits with estimator="filter": only the smoother fits them; use estimator="smoother".')
+    return _censored(record, model, track, every, clip_limits, known=noise_variance is not None)
 
 
 def _joined(parts: list[tuple[Estimate, dict[str, Any]]], samples: int) -> tuple[int, dict[str, Any]]:
@@ -235,8 +235,13 @@ def statistics(estimate: Estimate, given: float | None) -> dict[str, Any]:
     }
 
 
-def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: Any) -> OrderTracks:  # noqa: ANN401
+def _censored(
+    record: Floats, model: HarmonicModel, track: Callable[[Floats, int], OrderTracks], output_every: int,
+    clip_limits: ArrayLike, *, known: bool,
+) -> OrderTracks:  # fmt: skip
     """Track with clipped samples as censored data (Tobit), by expectation and maximisation.
+
+    `track` tracks a (channel, sample) record with outputs some samples apart; `known` is whether R was given.
 
     References
     ----------
@@ -250,9 +255,6 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
     limits = real_array(clip_limits, name="clip_limits").astype(np.float64)
     if limits.shape != (2,) or not limits[0] < limits[1]:
         raise ValueError(f"clip_limits={limits.tolist()} must be two numbers, the smaller first; one may be infinite.")
-    if given["estimator"] != "smoother":
-        raise ValueError('clip_limits with estimator="filter": only the smoother fits them; use estimator="smoother".')
-    record, known, shape = _arguments.check_record(x), given["noise_variance"], np.shape(x)
     channel, sample = at = np.nonzero((record <= limits[0]) | (record >= limits[1]))
     bound = record[at]
     side = np.where(bound >= limits[1], 1.0, -1.0)
@@ -260,14 +262,13 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
     def summed(values: Floats) -> Floats:
         return np.asarray(np.bincount(channel, values, minlength=len(record)))
 
-    tracks = track_orders(x, output_every=output_every, **given)
+    tracks = track(record, output_every)
     noise, lost = np.atleast_1d(tracks.noise_variance), np.zeros(len(record))
-    every = max(1, int(1 / (FILLING_OUTPUTS * tracks.bandwidth_cycles.max())))
-    _, _, shaft, phases = _arguments.check_orders(given["orders"], given["phase_rad"], samples=record.shape[1])
-    waves = phasors(-tracks.orders[:, None] * np.stack([phase[sample] for phase in phases])[shaft])
+    every = max(1, int(1 / (FILLING_OUTPUTS * model.bandwidth.mean(axis=1).max())))
+    waves = phasors(-2 * np.pi * model.turns(sample))
     filled, before, former = record.copy(), bound, np.zeros_like(bound)
     for _ in range(MOST_FILLINGS if bound.size else 0):
-        tracks = track_orders(filled.reshape(shape), output_every=every, **given)
+        tracks = track(filled, every)
         noise = np.atleast_1d(tracks.noise_variance) + (0.0 if known else noise * lost)
         std = np.sqrt(np.maximum(noise, _arguments.SMALLEST**2))[channel]
         outputs = tracks.complex_amplitude.reshape(len(record), tracks.orders.size, -1)
@@ -288,11 +289,12 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
         if np.max(np.abs(step) / std) < FILLED_RTOL:
             break
     if bound.size:
-        tracks = track_orders(filled.reshape(shape), output_every=output_every, **given)
+        tracks = track(filled, output_every)
     more, clipped = noise / np.atleast_1d(tracks.noise_variance), summed(np.ones(bound.size)) / record.shape[1]
+    one = tracks.complex_amplitude.ndim == 2  # noqa: PLR2004 - without an axis of channels
     return replace(
-        tracks, noise_variance=noise.reshape(shape[:-1])[()], clipped_share=clipped.reshape(shape[:-1])[()],
-        noise_density=tracks.noise_density * (more / (1 - lost)).reshape(*shape[:-1], 1, 1),
+        tracks, noise_variance=squeeze(noise, one), clipped_share=squeeze(clipped, one),
+        noise_density=tracks.noise_density * squeeze((more / (1 - lost))[:, None, None], one),
     )  # fmt: skip
 
 
@@ -305,7 +307,7 @@ def _startup(model: HarmonicModel, seen: Flags, noise_variance: float | None, *,
             f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples"
             f"{'.' if name == 'x' else ', or leave this channel out: without noise it has no std.'}"
         )
-    skipped = min(ceil(1 / model.bandwidth.max(axis=1).min()) + model.state_size, observed // 2)
+    skipped = min(model.startup, observed // 2)
     return skipped if observed in (0, seen.size) else int(np.flatnonzero(seen)[skipped])
 
 

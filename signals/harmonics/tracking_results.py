@@ -43,8 +43,6 @@ class OrderTracks:
         Name of each order's shaft; empty for a single unnamed phase.
     bandwidth : (order,) array
         Full -3 dB width of the steady-state smoother in Hz or orders, as given; its mean if it varies.
-    bandwidth_cycles : (order,) array
-        The same in cycles per sample.
     poles
         Number of integrations of the random walk.
     method
@@ -89,7 +87,6 @@ class OrderTracks:
     settling_variance: Floats = field(metadata={"dims": ("channel", "order", "settling"), "units": "1"})
     orders: Floats = field(metadata={"dims": ("order",), "units": "1"})
     bandwidth: Floats = field(metadata={"dims": ("order",), "units": "as given"})
-    bandwidth_cycles: Floats = field(metadata={"dims": ("order",), "units": "1"})
     shafts: tuple[str, ...]
     poles: int
     method: Method

@@ -142,7 +142,10 @@ def test_scaling_the_record_changes_nothing():
             {"largest_bandwidth_hz": None, "largest_bandwidth_orders": 0.01},
             r"follows the speed.*pass largest_bandwidth",
         ),
-        ({"noise_variance": [1, 2, 3]}, r"noise_variance has shape \(3,\) for 2 orders"),
+        (
+            {"noise_variance": [1, 2, 3]},
+            "noise_variance has 3 values for 2 orders; pass one number for all, or one each",
+        ),
         ({"x": np.zeros((2, 8000))}, r"x has 2 channels; each has bandwidths of its own"),
         ({"x": np.full(8000, np.nan)}, r"x has 8000 samples, all of them missing"),
     ],

@@ -70,7 +70,7 @@ def test_bandwidth_in_orders_follows_the_speed_of_a_record_in_time(method):
 
 
 @pytest.mark.parametrize("units", ["hz", "orders", "by speed"])
-def test_bandwidths_are_told_as_given_and_in_cycles_a_sample(units):
+def test_bandwidths_are_told_as_given(units):
     n = 4000
     bandwidth = {"bandwidth_hz": [0.02, 0.04, 0.02], "rate_hz": 1000.0}
     if units == "orders":
@@ -83,8 +83,6 @@ def test_bandwidths_are_told_as_given_and_in_cycles_a_sample(units):
             output_every=100, **bandwidth,
         )  # fmt: skip
     assert_allclose(tracks.bandwidth, bandwidth.get("bandwidth_hz", bandwidth.get("bandwidth_orders")))
-    cycles = {"hz": 2e-5, "orders": 0.01 / 512, "by speed": 1e-3 * np.diff(PHASE[:n]).mean() / (2 * np.pi)}[units]
-    assert_allclose(tracks.bandwidth_cycles, np.multiply(cycles, [1, 2, 1]), rtol=1e-9)
 
 
 def test_half_the_rate_and_rest_leave_one_quadrature():
