@@ -19,13 +19,14 @@ Bevel gears are in contact at mid-face, on the line of contact of their pitch co
 bodies need motions in space.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from fractions import Fraction
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_synth.dynamics.elements import GearMesh, Support, as_vector
 from data_synth.dynamics.parts import Inertia, MeshProperties, Parts, SupportStiffness, mesh_elements
@@ -45,23 +46,7 @@ from data_synth.dynamics.system import (
 )
 from hums.gearbox.components import Bearing, closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from fractions import Fraction
-
-    from numpy.typing import NDArray
-
-    from hums.gearbox.model import Gearbox
-
-__all__ = [
-    "Assembly",
-    "Inertia",
-    "MeshProperties",
-    "SupportStiffness",
-    "assemble",
-]
-
+from hums.gearbox.model import Gearbox
 
 # ---- Bodies and supports of a declared gearbox, with defaults for undeclared values ----------------------------------
 

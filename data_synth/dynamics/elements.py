@@ -1,22 +1,15 @@
 """Elements that connect the bodies of a gearbox: supports, shafts, couplings and meshes, each a few springs."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_synth.dynamics.system import FrictionForce, Mesh, Spring
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from data_synth.dynamics.system import Array, Coordinates, Vector
-    from data_synth.gears.friction import SlidingFriction
-    from data_synth.gears.mesh_stiffness import Stiffness
-    from data_synth.gears.transmission_error import TransmissionError
+from data_synth.dynamics.system import Array, Coordinates, FrictionForce, Mesh, Spring, Vector
+from data_synth.gears.friction import SlidingFriction
+from data_synth.gears.mesh_stiffness import Stiffness
+from data_synth.gears.transmission_error import TransmissionError
 
 Place = tuple[str, str]  # a body and one of its motions
 _SAME_GEARS = 1e-6

@@ -7,23 +7,15 @@ to high relative accuracy, whatever the scales of the rows (Drmac and Veselic 20
 LAPACK's gejsv).
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
 
-from data_synth.dynamics.system import SPACE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from data_synth.dynamics.system import Array, System
-    from data_synth.gears.mesh_stiffness import ComplexArray
-
+from data_synth.dynamics.system import SPACE, Array, System
+from data_synth.gears.mesh_stiffness import ComplexArray
 
 _RANK_TOLERANCE = 1e-9  # linearly dependent rows of unit length have singular values at rounding level
 _PURE = 1e-6  # of the kinetic energy: allowed share of the other type in a rotational or translational mode

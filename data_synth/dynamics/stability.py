@@ -10,30 +10,21 @@ all modes have the same scale, however stiff. Rigid-body modes are left out, bec
 be accurate to half the digits only.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_synth.dynamics.modes import undamped_modes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from data_synth.dynamics.system import System
-    from data_synth.gears.mesh_stiffness import ComplexArray
-
+from data_synth.dynamics.system import Array, System
+from data_synth.gears.mesh_stiffness import ComplexArray
 
 # ---- Matrix exponentials and products of stacks of small matrices, vectorised over the stack -------------------------
 
 
-Array = NDArray[np.float64]
 _TERMS = 14  # of a series for matrices of norm 1/2: 0.5^15 / 15! is below rounding
 
 

@@ -9,20 +9,16 @@ shafts consist of several such springs; a mesh is one whose stiffness depends on
 the springs as well as their sum ``K = sum k g g'``, in which soft ones lose digits to stiff ones.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from data_synth.gears.friction import FrictionShare
-    from data_synth.gears.mesh_stiffness import Stiffness
-    from data_synth.gears.transmission_error import TransmissionError
+from data_synth.gears.friction import FrictionShare
+from data_synth.gears.mesh_stiffness import Stiffness
+from data_synth.gears.transmission_error import TransmissionError
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -160,7 +156,7 @@ class Mesh:
     history: MeshHistory | None = None
     friction: tuple[FrictionForce, ...] = ()
 
-    def in_coordinates(self, row: Callable[[Array], Array]) -> Mesh:
+    def in_coordinates(self, row: Callable[[Array], Array]) -> "Mesh":
         """Return the mesh in other coordinates; `row` transforms a generalised force (dof,) to them."""
         return replace(
             self,

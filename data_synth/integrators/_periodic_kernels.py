@@ -6,12 +6,9 @@ Each operation is rounded as written, and functions that are inlined allocate no
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from data_synth.integrators.periodic_tables import Waves
+from data_synth.integrators.periodic_tables import Array, Waves
 from signals._compile import compiled_exactly, compiled_inline
-
-Array = NDArray[np.float64]
 
 # cycles below which Gauss's rule is used, since the difference of two periodic integrals would lose digits
 SHORT = 1.0 / 512

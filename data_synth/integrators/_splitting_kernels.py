@@ -4,8 +4,6 @@ Each operation is rounded as written, and functions that are inlined allocate no
 slices, each of which takes half a second to compile.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,35 +14,16 @@ from data_synth.integrators._periodic_kernels import (
     legendre_short,
     value_at,
 )
-from data_synth.integrators.modal_problem import Equations
-from data_synth.integrators.periodic_tables import Waves
+from data_synth.integrators.modal_problem import Equations, StepFlow
+from data_synth.integrators.periodic_tables import Array, Waves
 from signals._compile import compiled_exactly, compiled_inline
 
-Array = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # coefficients of the commutator
 M0, M2 = 1 / 24, 1 / 480  # coefficients of the correction of the middle deflection
 TILE = 256  # steps whose teeth are looked up together, so that look-ups need not wait for earlier steps
 DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # current values per mesh
-
-
-class StepFlow(NamedTuple):
-    """Exact flow over a step, and the effect of impulses at its beginning and in its middle.
-
-    Impulses are those of forces, then of drags, k in total. ``columns`` (c, width) are the columns of the matrix from x
-    and impulses at the beginning, and the transmission errors of each force and varying loads at beginning, middle and
-    end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
-    middle; ``added`` (width,) is the contribution of the constant load. ``directions`` (k, n): change of the modal
-    velocities per impulse. ``from_middle`` (k, 2 n + forces): change of x and deflections at the end per impulse in the
-    middle. ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
-    """
-
-    columns: Array
-    added: Array
-    directions: Array
-    from_middle: Array
-    speed_changes: Array
 
 
 @compiled_inline

@@ -1,21 +1,13 @@
 """Time integration of a problem block by block, with the step size chosen from the tolerated error."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import Integration, IntegrationError
+from data_synth.integrators.modal_problem import Assembled, assemble
+from data_synth.integrators.problem import Array, Integration, IntegrationError, Output, Problem
 from data_synth.integrators.splitting import Stepper, channel_rows, refusal
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from data_synth.integrators.modal_problem import Assembled
-    from data_synth.integrators.problem import Array, Output, Problem
 
 BLOCK = 8192  # samples in memory at a time, whatever the length of the record
 _MAX_STEPS = 256  # per sample

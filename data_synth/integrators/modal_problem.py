@@ -19,9 +19,7 @@ from data_synth.gears.friction import FrictionShare
 from data_synth.gears.mesh_stiffness import Stiffness
 from data_synth.gears.transmission_error import ProfileError
 from data_synth.integrators.periodic_tables import FIT_ERROR, Integers, Periodic, Waves, tabulated
-from data_synth.integrators.problem import Problem, State
-
-Array = NDArray[np.float64]
+from data_synth.integrators.problem import Array, Problem, State
 
 _ROUNDING = 1e-12  # of the length of a modal vector, and of the largest damping
 _NO_ERROR = ProfileError(harmonics_m=np.zeros(1, dtype=np.complex128))
@@ -62,6 +60,24 @@ class Equations(NamedTuple):
     cycles: Array
     drags: Array
     drag_factors: Array
+
+
+class StepFlow(NamedTuple):
+    """Exact flow over a step, and the effect of impulses at its beginning and in its middle.
+
+    Impulses are those of forces, then of drags, k in total. ``columns`` (c, width) are the columns of the matrix from x
+    and impulses at the beginning, and the transmission errors of each force and varying loads at beginning, middle and
+    end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
+    middle; ``added`` (width,) is the contribution of the constant load. ``directions`` (k, n): change of the modal
+    velocities per impulse. ``from_middle`` (k, 2 n + forces): change of x and deflections at the end per impulse in the
+    middle. ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
+    """
+
+    columns: Array
+    added: Array
+    directions: Array
+    from_middle: Array
+    speed_changes: Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,19 +1,13 @@
 """Data classes of a time integration: problem, output and result."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike
-
-    from data_synth.dynamics.system import System
+from data_synth.dynamics.system import System
 
 Array = NDArray[np.float64]
 

@@ -15,20 +15,11 @@ bearings up to 1e16 N/m), but their own share of a velocity or acceleration is n
 step if a channel shows it.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy import linalg
 
-from data_synth.integrators.modal_problem import modal_rows
-from data_synth.integrators.problem import Array, IntegrationError
-
-if TYPE_CHECKING:
-    from data_synth.integrators._splitting_kernels import StepFlow
-    from data_synth.integrators.modal_problem import Assembled
-    from data_synth.integrators.problem import Output
+from data_synth.integrators.modal_problem import Assembled, StepFlow, modal_rows
+from data_synth.integrators.problem import Array, IntegrationError, Output
 
 _MAX_IMPULSE = 4.0  # rad2, limit of variation * step^2: beyond, impulses on a harmonic oscillator are unstable
 _MAX_CYCLES = 1.0  # mesh cycles per step
@@ -148,8 +139,6 @@ def channel_rows(assembled: Assembled, output: Output) -> Array:
 
 def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
     """Return the flow over a step."""
-    from data_synth.integrators._splitting_kernels import StepFlow  # noqa: PLC0415
-
     a, n, equations, drags = assembled, assembled.size, assembled.equations, assembled.equations.drags
     (middle, input_in_middle, in_middle), (whole, input_at_end, at_end) = _flows(a, step_s)
     deflections = a.displacement_rows(a.deflections[a.mesh_of])

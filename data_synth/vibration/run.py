@@ -13,9 +13,10 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble, excited_dofs_of
+from data_synth.dynamics.assembly import Assembly, assemble, excited_dofs_of
 from data_synth.dynamics.elements import BearingShaft
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
+from data_synth.dynamics.parts import Inertia, SupportStiffness
 from data_synth.dynamics.placement import crossed_bodies
 from data_synth.dynamics.system import Array, System, errors_at
 from data_synth.integrators.problem import Integration, IntegrationError, Output, Problem, State

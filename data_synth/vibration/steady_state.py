@@ -1,26 +1,17 @@
 """Periodic steady states by shooting: fixed points of the map over one period, found by Newton's method."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import IntegrationError, State
+from data_synth.integrators.modal_problem import Assembled, assemble
+from data_synth.integrators.problem import Array, Integration, IntegrationError, Output, Problem, State
 from data_synth.integrators.splitting import Stepper, refusal
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from data_synth.integrators.modal_problem import Assembled
-    from data_synth.integrators.problem import Array, Integration, Output, Problem
 
 _TOLERANCE = 1e-11  # of the state: its change over a period
 _MAX_ITERATIONS = 40
