@@ -102,8 +102,8 @@ def simulate(
         ``truth_speed``, ``truth_revolutions`` (truth_time)
             Speed of the reference shaft in rev s-1 and its exact angle in rev; ``truth_torque``, N m, if declared.
         ``truth_fault_component``, ``truth_fault_kind`` (truth_fault)
-            As declared; of length zero in a healthy record. ``truth_fault_size`` (truth_fault, truth_time), in mm,
-            where a fault grows.
+            As declared; of length zero in a healthy record. ``truth_fault_size`` (truth_fault, truth_time), in mm, if
+            there are faults.
         ``truth_impact_times_1``, etc.
             Times in s of the impacts of fault 1, etc.
         ``truth_marks``, ``truth_missed_marks``, ``truth_spurious_pulses``

@@ -164,7 +164,7 @@ def _fault_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
         )
         for name in ("component", "kind")
     }
-    if any(fault.growth is not None for fault in faults):
+    if faults:
         sizes = [fault.initial_mm * fault.relative_size(prepared.instants_s) for fault in faults]
         truth["truth_fault_size"] = xr.DataArray(
             np.stack(sizes), dims=("truth_fault", "truth_time"), attrs={"units": "mm"}

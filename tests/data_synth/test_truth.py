@@ -65,10 +65,8 @@ def test_the_lines_of_every_fault_are_the_truth_s(kind, grows):
     assert_allclose(made["b"].values, rebuilt(made, "b"), atol=1e-11)
     assert str(made["truth_fault_kind"].values[0]) == kind
     assert np.std(made["a"].values - healthy().values) > 1e-3
-    if grows:
-        assert_allclose(
-            made["truth_fault_size"].values[0], np.minimum(1 + 2 * made["truth_time"].values, 1.8), rtol=1e-12
-        )
+    grown = np.minimum(1 + 2 * grows * made["truth_time"].values, 1.8)
+    assert_allclose(made["truth_fault_size"].values[0], grown, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", FAULT_KINDS)
