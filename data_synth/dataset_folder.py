@@ -9,7 +9,7 @@ import math
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import chain
@@ -22,7 +22,7 @@ import xarray as xr
 from data_synth.card import data_card
 from data_synth.cost import BYTES, explain
 from data_synth.draws import PlanError
-from data_synth.plan import Plan, load_plan, parse_plan
+from data_synth.plan import Plan, load_plan
 from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
@@ -110,7 +110,7 @@ def make_dataset(
     shards = folder / "shards"
     _check_space(plan, shards, missing=sum(job.size for job in jobs if not (shards / job.name).exists()))
     tally = run_jobs(
-        partial(write_records, plan.text),
+        partial(write_records, plan),
         jobs,
         folder=shards,
         workers=workers or Serial(),
@@ -222,29 +222,22 @@ def dataset_cost(plan: Plan) -> DatasetCost:
     )
 
 
-def write_records(plan_text: str, shard: int, path: Path) -> None:
+def write_records(plan: Plan, shard: int, path: Path) -> None:
     """Simulate the records of one file and write it.
 
     Parameters
     ----------
-    plan_text : str
-        `Plan.text`.
+    plan : Plan
     shard : int
         Number of the file, from 0.
     path : Path
         Destination of the file.
     """
-    plan = _parsed(plan_text)
     numbers = _record_numbers(plan, shard)
     made = [_simulated(plan, number) for number in numbers]
     records, rows = [record for record, _ in made], [row for _, row in made]
     labels = {name: [row[name] for row in rows] for name in rows[0]}
     write_shard(records, path, labels=labels, dtype=plan.table.dtype)
-
-
-@lru_cache(maxsize=4)
-def _parsed(text: str) -> Plan:
-    return parse_plan(text)
 
 
 def _record_numbers(plan: Plan, shard: int) -> range:
