@@ -27,6 +27,7 @@ ALARM_COLUMNS = (
     "severity",
     "state",
     "consequences",
+    "other_explanations",
     "baseline",
 )
 SEVERE = 2.0  # condition index from which an alarm is severe: twice the limit
@@ -40,19 +41,38 @@ class Alarm:
     """Alarm of a component after the latest record.
 
     ``row`` is its latest row of ``alarms.csv``, ``recent`` states for each of the latest judged records whether it
-    reached the limit, ``quiet`` counts consecutive low records, and ``since`` is the time at which the CUSUM last left
-    zero.
+    reached the limit, ``quiet`` counts consecutive low records, ``since`` is the time at which the CUSUM last left
+    zero, and ``index`` the latest condition index, the largest of the component and of its consequences.
     """
 
     row: dict[str, Any] = field(default_factory=dict)
     recent: tuple[bool, ...] = ()
     quiet: int = 0
     since: str = ""
+    index: float = 0.0
 
     @property
     def state(self) -> str:
         """One of the words above; `CLEAR` before the first alarm."""
         return str(self.row.get("state", CLEAR))
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is raised or acknowledged."""
+        return self.state in (RAISED, ACKNOWLEDGED)
+
+    @property
+    def consequences(self) -> tuple[str, ...]:
+        """Components whose rise is attributed to its cause, while it stands."""
+        return tuple(filter(None, self.row["consequences"].split("; "))) if self.stands else ()
+
+    def begin(self, row: dict[str, Any]) -> None:
+        """Raise the alarm."""
+        self.row, self.since, self.recent = row, row["since"], ()
+
+    def follow(self, name: str) -> None:
+        """Attribute the rise of a component to its cause."""
+        self.row["consequences"] = "; ".join(sorted({*self.consequences, name}))
 
     def step(self, index: float, *, bursts: bool = False) -> bool:
         """Update the alarm by the condition index of a record, NaN where not judged; return whether one is due.
@@ -61,6 +81,7 @@ class Alarm:
         """
         if not math.isfinite(index):
             return False
+        self.index = index
         limit = AGAIN * self.row["value"] if self.state == ACKNOWLEDGED else 1.0
         self.recent = (*self.recent, index >= limit)[-WITHIN:]
         self.quiet = self.quiet + 1 if index < _CLEAR_BELOW else 0

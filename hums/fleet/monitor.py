@@ -10,25 +10,30 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, CLEARED, RAISED, SEVERE, Alarm
+from hums.fleet.explanations import UNKNOWN, explanations
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import NOT_ANALYSED, FleetError, Observation, seconds_since_1970
 from hums.fleet.series import (
+    NOTHING,
     WHOLE_SIGNAL,
+    Keys,
     Series,
     component_parts,
     layout_of,
     limit_table,
     prior_of,
+    shared,
     vector,
 )
-from signals.monitoring.charts import ChartState
+from signals.monitoring.charts import WEIGHTS, ChartState
 from signals.monitoring.health import Normal, Reading, fused_scores, learn_machine, regime
 from signals.monitoring.limits import MachineLimits, machine_limits
 
@@ -38,7 +43,8 @@ RISES, FALLS, _HEALTH, LEARNING = "level rises", "level falls suddenly", ": heal
 MOST_LEVERAGE = 1.0
 """Variance of the prediction over that of the series above which a record is not judged: the regression would add as
 much scatter as the record itself has (our choice)."""
-_DRIVERS = 3  # indicators an alarm names
+_DRIVERS = 3  # indicators an alarm names, and parts that it may be instead
+_MEMORY = WEIGHTS[1]  # of the change that is explained
 
 
 @dataclass(kw_only=True)
@@ -48,7 +54,8 @@ class Epoch:
     ``names`` has the component of each score; those of one component are adjacent, the first of them of all its series.
     ``watched`` has the places of the scores of each component, and of each monitored quantity of a sensor.
     ``counted``: the baseline is learned from the next records, as after a replacement, whatever the settings choose;
-    ``diagnosed`` names the components that a verdict on one of its records diagnosed.
+    ``diagnosed`` names the components that a verdict on one of its records diagnosed. ``change`` is the EWMA of the
+    deviations of all series.
     """
 
     pending: list[Observation] = field(default_factory=list)
@@ -56,7 +63,7 @@ class Epoch:
     identity: str = ""
     records: tuple[str, ...] = ()
     diagnosed: tuple[str, ...] = ()
-    series: tuple[Series, ...] = ()
+    series: Keys = NOTHING.keys
     covariates: tuple[str, ...] = ()
     low: Array = field(default_factory=lambda: np.zeros(0))
     high: Array = field(default_factory=lambda: np.zeros(0))
@@ -68,6 +75,7 @@ class Epoch:
     bursts: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     charts: ChartState = field(default_factory=ChartState.start)
     recent: Array | None = None
+    change: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def learned(self) -> tuple[Normal, MachineLimits]:
@@ -82,7 +90,7 @@ class Epoch:
         every = tuple(sorted(set().union(*(one.values.keys for one in seen))))
         values = np.array([vector(one.values, every) for one in seen])
         kept = np.isfinite(values).sum(axis=0) * 2 >= len(seen)
-        self.series = tuple(key for key, keep in zip(every, kept, strict=True) if keep)
+        self.series = shared(tuple(key for key, keep in zip(every, kept, strict=True) if keep))
         self.covariates = tuple(sorted(set.intersection(*(set(one.covariates) for one in seen))))
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
@@ -96,7 +104,7 @@ class Epoch:
         limits = machine_limits(limit_table(), independent, run_length, layout.group_of, slopes=slopes)
         self.limits, self.bursts = limits.widened(own), limits.bursts(own)
         self.charts = ChartState.start(independent.shape)
-        self.recent = np.zeros(len(self.channels))
+        self.recent, self.change = np.zeros(len(self.channels)), np.zeros(len(self.series))
         self.records = tuple(one.record for one in seen)
         self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
         text = json.dumps([machine, self.records, self.normal.series.center.tolist()])
@@ -128,11 +136,18 @@ class Epoch:
         """Return the first driver of an alarm by a verdict: a component damaged in the baseline has wide limits."""
         return "diagnosed, as in its baseline" if component in self.diagnosed else "diagnosed"
 
+    def explanations(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Return the evidence of each part, and of other explanations, of the change of the latest records."""
+        scatter = math.sqrt(_MEMORY / (2 - _MEMORY) + 1 / len(self.records))
+        levels = self.charts.values[1, len(self.names) :].reshape(2, -1).max(axis=0, initial=0.0)
+        return explanations(self.series, self.change / scatter, dict(zip(self.channels, levels / scatter, strict=True)))
+
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
         limits, reading = self.learned[1], self.read(seen, self.recent)
         self.recent = reading.recent
         self.charts = self.charts.step(reading.scores, allowance=limits.allowance)
+        self.change = self.change + _MEMORY * np.nan_to_num(reading.departures - self.change)
         return reading, np.where(np.isfinite(reading.scores), limits.index(self.charts), np.nan)
 
 
@@ -160,6 +175,8 @@ class MachineState:
         Time of the first of the latest consecutive refused records; empty if the latest was judged.
     last_seconds : float
         Time of the latest record; maintenance between it and the next is applied first.
+    serviced : (str, int)
+        Latest maintenance, and the number of records judged before; an empty name without any.
     learned, latest : list of str, str
         Digests of the records collected for baselines, and of the latest one, none of which is accepted again.
     """
@@ -173,6 +190,7 @@ class MachineState:
     refused: int = 0
     unwatched_since: str = ""
     last_seconds: float = -math.inf
+    serviced: tuple[str, int] = ("", 0)
     learned: list[str] = field(default_factory=list)
     latest: str = ""
 
@@ -193,7 +211,7 @@ class MachineState:
     @property
     def standing(self) -> dict[str, dict[str, Any]]:
         """Rows in ``alarms.csv`` of the alarms that are raised or acknowledged, by component."""
-        return {name: alarm.row for name, alarm in self.alarms.items() if alarm.state in (RAISED, ACKNOWLEDGED)}
+        return {name: alarm.row for name, alarm in self.alarms.items() if alarm.stands}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,17 +340,18 @@ class _Shown(NamedTuple):
     """What a record shows of a component.
 
     Its condition index; the channels and indicators that drive it, the largest deviation first; the severity of an
-    alarm; the baseline; whether a change begins with this record; whether a verdict or its kind names it; and whether
-    its baseline had bursts.
+    alarm; the identity of the baseline; since how many records it rises; whether a verdict or its kind names it;
+    whether its baseline had bursts; and the epoch whose charts it is judged by.
     """
 
     value: float
     drivers: Sequence[tuple[str, str]]
     severity: str
     baseline: str = ""
-    begins: bool = True
+    rising: int = 1
     named: bool = True
     bursts: bool = False
+    epoch: Epoch | None = None
 
 
 def _unjudged(state: MachineState, seen: Observation, why: str, shown: Mapping[str, _Shown]) -> Judgement:
@@ -372,7 +391,7 @@ def _of_verdicts(
         epoch = epochs[governed]
         if (governed not in readings or component not in epoch.names) and (diagnosed or epoch.normal is None):
             drivers = [("", epoch.verdict_words(component))]
-            shown[component] = _Shown(float(diagnosed), drivers, "verdict", epoch.identity, begins=diagnosed)
+            shown[component] = _Shown(float(diagnosed), drivers, "verdict", epoch.identity, rising=2 - diagnosed)
     return shown
 
 
@@ -400,9 +419,10 @@ def _of_charts(
             drivers=drivers,
             severity=severity,
             baseline=epoch.identity,
-            begins=bool(epoch.charts.rising[place] <= 1),
+            rising=int(epoch.charts.rising[place]),
             named=bool(what) or diagnosed,
             bursts=bool(epoch.bursts[place]),
+            epoch=epoch,
         )
     return shown
 
@@ -410,33 +430,64 @@ def _of_charts(
 def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown]) -> tuple[dict[str, Any], ...]:
     """Update all alarms, and return the rows of those raised; what follows from a standing one is listed in its row.
 
+    A rise alarms for the part that explains the change of all series best, which a verdict decides where there is one.
     Impacts of one component appear in the envelopes of others, modulate with its shaft and raise the record's crest
-    factor. A rise is therefore attributed to the largest standing alarm of a component, unless a verdict names it or it
-    is twice as large.
+    factor. A further rise is therefore attributed to the largest standing alarm of a component, unless a verdict names
+    it or it is twice as large.
     """
     rises, alarms = list[str](), []
     for name, one in shown.items():
         alarm = state.alarms.setdefault(name, Alarm())
-        if one.begins and not any(alarm.recent) and alarm.state != RAISED:
+        if one.rising <= 1 and not any(alarm.recent) and alarm.state != RAISED:
             alarm.since = seen.when
-        if alarm.step(one.value, bursts=one.bursts):
+        together = [shown[other].value for other in (name, *alarm.consequences) if other in shown]
+        if alarm.step(float(np.fmax.reduce(together)), bursts=one.bursts):
             rises.append(name)
     for name in sorted(rises, key=lambda rise: (not shown[rise].named, -shown[rise].value)):
         one, alarm = shown[name], state.alarms[name]
+        if alarm.state == RAISED:  # by another rise of this record
+            continue
+        part, others = _explained(state, name, shown)
         standing = {
-            other: shown[other].value if other in shown else row["value"]
-            for other, row in state.standing.items()
+            other: state.alarms[other].index
+            for other in state.standing
             if ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
         }
-        cause = max(standing, key=lambda other: standing[other], default="")
+        cause = part if part in standing else max(standing, key=lambda other: standing[other], default=part)
         again = not name.startswith(WHOLE_SIGNAL) and one.value >= AGAIN * standing.get(cause, 0.0)
-        if not cause or one.named or again:
-            alarm.row = _row(state, seen, name, one)
-            alarms.append(alarm.row)
-        else:
-            row = state.alarms[cause].row
-            row["consequences"] = "; ".join(sorted({*filter(None, row["consequences"].split("; ")), name}))
+        if part not in standing and (not standing or one.named or again):
+            since, cause = alarm.since or seen.when, part
+            state.alarms[part].begin(_row(state, seen, part, one) | {"since": since, "other_explanations": others})
+            alarms.append(state.alarms[part].row)
+        if cause != name:
+            state.alarms[cause].follow(name)
     return tuple(alarms)
+
+
+def _explained(state: MachineState, name: str, shown: Mapping[str, _Shown]) -> tuple[str, str]:
+    """Return the part that a rise alarms for, and the other explanations with their log likelihood ratios to it.
+
+    Parts count that explain the change better than an unknown cause; none explains a sensor's level. Maintenance may
+    change anything; a change begins within d records of it by chance with the probability (2 d + 1) / n, if n records
+    were judged.
+    """
+    one, alarm = shown[name], state.alarms[name]
+    if one.epoch is None:
+        return name, ""
+    parts, others = one.epoch.explanations()
+    known = {what: value for what, value in parts.items() if what in shown and value > others[UNKNOWN]}
+    if ": " in name:
+        known = {}
+        del others[UNKNOWN]
+    fixed = one.named or alarm.state == ACKNOWLEDGED
+    part = name if fixed else max(known, key=lambda what: known[what], default=name)
+    work, before = state.serviced
+    if work:
+        apart = abs(state.judged - one.rising - before)
+        others[work] = max(others.values()) + math.log(state.judged / (2 * apart + 1))
+    own = (parts | others).pop(part.partition(": ")[0], 0.0)
+    ranked = sorted((known | others).items(), key=lambda item: -item[1])
+    return part, "; ".join(f"{what} {value - own:+.1f}" for what, value in ranked if what != part.partition(": ")[0])
 
 
 def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> dict[str, Any]:
@@ -448,7 +499,6 @@ def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> di
         "indicator": "; ".join(dict.fromkeys(word for _, word in shown.drivers)),
         "record": seen.record,
         "recorded_at": seen.recorded_at,
-        "since": state.alarms[name].since or seen.when,
         "value": shown.value,
         "severity": shown.severity,
         "state": RAISED,
@@ -490,6 +540,7 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
                 _acknowledge(state, one.component)
             else:
                 _replace(state, one.component)
+                state.serviced = f"maintenance {one.date}", state.judged
     state.last_seconds = now
 
 
@@ -501,8 +552,9 @@ def _acknowledge(state: MachineState, component: str) -> None:
     """Acknowledge alarms, and restart their charts, so that only later records decide whether they clear."""
     for name, alarm in state.alarms.items():
         if _of(name, component) and alarm.acknowledge():
-            for epoch in (stratum[state.epoch_of(name.partition(": ")[0])] for stratum in state.strata.values()):
-                for place in epoch.watched.get(name, ()):
+            for stratum, one in product(state.strata.values(), (name, *alarm.consequences)):
+                epoch = stratum[state.epoch_of(one.partition(": ")[0])]
+                for place in epoch.watched.get(one, ()):
                     epoch.charts = epoch.charts.restart(place)
 
 

@@ -24,7 +24,7 @@ from hums.records.outputs import atomic_write
 from signals._validation import checked
 from signals.monitoring import health
 
-SCHEMA = "hums-watch/14"
+SCHEMA = "hums-watch/15"
 _KINDS: Mapping[str, Any] = {
     name: kind for part in (health, monitor, series) for name, kind in vars(part).items() if is_dataclass(kind)
 }

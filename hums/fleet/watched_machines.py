@@ -122,7 +122,7 @@ def component_row(history: MachineHistory, name: str) -> dict[str, Any]:
     epoch = state.epochs[state.epoch_of(name.partition(": ")[0])]
     last = history.last if history.last and epoch.identity else Judgement(judged=False)
     waiting = history.waiting or ("" if epoch.identity else "learning")
-    causes = (cause for cause, row in state.standing.items() if name in row["consequences"].split("; "))
+    causes = (cause for cause in state.standing if name in state.alarms[cause].consequences)
     life = next((f"follows from {cause}" for cause in causes), alarm.state)
     channel, indicator, departure, times_normal = last.drivers.get(name, ("", "", math.nan, math.nan))
     seen = state.judged + state.refused
