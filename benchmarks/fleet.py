@@ -36,8 +36,7 @@ from page_files import table
 from scipy.stats import gamma
 
 from hums.fleet.monitor import MachineState, update
-from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import Observation
+from hums.fleet.observation import MonitorSettings, Observation
 from hums.fleet.series import Numbers, Series, component_parts, layout_of, prior_of, shared
 from signals.monitoring.health import Layout
 

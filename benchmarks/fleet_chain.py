@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
 from hums.fleet.series import limit_table
-from signals.monitoring.charts import ChartState
+from signals.monitoring.charts import AT_ONCE, ChartState, machine_limits
 from signals.monitoring.health import Layout, Normal, Prior, learn_machine
-from signals.monitoring.limits import AT_ONCE, machine_limits
 
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)

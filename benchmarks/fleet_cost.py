@@ -14,7 +14,7 @@ import numpy as np
 from hums import AnalysisSettings, NominalSpeed, analyze, load_gearbox, make_record, save_record
 from hums.conversion import convert_files, find_sources
 from hums.fleet.fleet_analysis import _tables, analyze_fleet
-from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.observation import MonitorSettings
 from hums.fleet.result_files import packed_row, read_results, read_row, results
 from hums.jobs import Processes
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from fleet_analyses import Array
 
-from signals.monitoring.forecast import time_until
+from signals.monitoring.slopes import time_until
 
 LIMIT = 10.0  # standard deviations of the noise
 RECORDS = (30, 60, 120)  # seen before the forecast is made

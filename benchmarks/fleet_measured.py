@@ -10,9 +10,8 @@ from fleet_analyses import Array
 
 from hums import AnalysisSettings, analyze, load_gearbox
 from hums.fleet.monitor import MachineState, update
-from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import Observation, observation
-from hums.fleet.result_files import results
+from hums.fleet.observation import MonitorSettings, Observation
+from hums.fleet.result_files import StoredRecord, results
 from hums.fleet.series import Numbers, Series, shared
 from hums.fleet.watched_machines import MachineHistory
 from hums.readers import convert
@@ -84,7 +83,7 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
         )
         analysis = analyze(record, gearbox, settings=AnalysisSettings(most_tracks=0))
         row = results(analysis) | {"record": path.stem, "machine": "turbine", "recorded_at": when}
-        history.follow([observation(row)], ())
+        history.follow([StoredRecord(**row)], ())
         found = history.last
         if found is not None:
             standing = {name: one for name, one in state.standing.items() if one["state"] == "raised"}

@@ -15,12 +15,12 @@ from hums.analysis.settings import AnalysisError as AnalysisError
 from hums.analysis.verdicts import derive_verdicts as derive_verdicts
 from hums.fleet.fleet_analysis import Fleet as Fleet
 from hums.fleet.fleet_analysis import analyze_fleet as analyze_fleet
-from hums.fleet.maintenance import Work as Work
-from hums.fleet.maintenance import read_maintenance as read_maintenance
 from hums.fleet.monitor import Judgement as Judgement
-from hums.fleet.monitor_settings import MonitorSettings as MonitorSettings
 from hums.fleet.observation import FleetError as FleetError
-from hums.fleet.watch import watch as watch
+from hums.fleet.observation import MonitorSettings as MonitorSettings
+from hums.fleet.observation import Work as Work
+from hums.fleet.observation import read_maintenance as read_maintenance
+from hums.fleet.watched_machines import watch as watch
 from hums.gearbox.adjacency import from_adjacency_table as from_adjacency_table
 from hums.gearbox.defect_orders import defect_orders as defect_orders
 from hums.gearbox.kinematics import Kinematics as Kinematics

@@ -5,8 +5,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from hums.fleet.monitor import MachineState, update
-from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import Observation
+from hums.fleet.observation import MonitorSettings, Observation
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Numbers, Series, shared
 

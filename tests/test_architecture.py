@@ -81,7 +81,7 @@ BUDGETS = """
     hums (root)                                                 830    720    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
-    hums/fleet                                                 2161   1467   1300
+    hums/fleet                                                 2161   1461   1300
     hums/gearbox                                               3541   3427   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000
@@ -94,7 +94,7 @@ BUDGETS = """
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2485   2200
     data_synth/sources, data_synth/transfer                    1545   1219   1200
     all code lines                                            48791  39351  33500
-    all modules                                                 345    281    240
+    all modules                                                 345    276    240
     all constants                                              1492    917    750
     tests                                                     35938  26555  23000
     benchmarks                                                 7891   7891   6000
@@ -125,6 +125,11 @@ ALLOWANCES = {
         "when sources are reduced",
     ),
     "hums/analysis": (332, *ANGLE),
+    "signals/monitoring": (
+        7,
+        "explanations of an alarm are compared, for code removed in hums/fleet",
+        "when the package is reduced",
+    ),
     "signals/demodulation": (13, "the end of a filtered signal, for code removed in signals/monitoring", ANGLE[1]),
     "signals/harmonics, signals/slipping_order": (2, *MENDS),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),

@@ -18,7 +18,7 @@ from scipy.io import savemat, wavfile
 import data_synth
 import hums
 from attacks.odd_calls import bounded
-from hums.fleet.watch import read_state
+from hums.fleet.watched_machines import read_state
 from hums.readers.process import ReaderProcess
 from hums.records.store import write_tree
 

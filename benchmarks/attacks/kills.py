@@ -13,7 +13,7 @@ import xarray as xr
 
 import hums
 from attacks.damaged_files import small_analysis
-from hums.fleet.watch import read_state, write_state
+from hums.fleet.watched_machines import read_state, write_state
 from hums.jobs import Job, Processes, run_jobs
 from hums.records.store import open_tree, write_tree
 

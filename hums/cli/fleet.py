@@ -55,7 +55,7 @@ def fleet(
 ) -> None:
     """Analyse many records into one table with trends and alarms; re-run to resume, or --append new records."""
     from hums.fleet.fleet_analysis import FILES, analyze_fleet  # noqa: PLC0415
-    from hums.fleet.monitor_settings import MonitorSettings  # noqa: PLC0415
+    from hums.fleet.observation import MonitorSettings  # noqa: PLC0415
     from hums.fleet.table import NO_PYARROW  # noqa: PLC0415
 
     if baseline_span and healthy:

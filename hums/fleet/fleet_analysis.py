@@ -17,13 +17,10 @@ from typing import Any
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.fleet.fleet_page import write_page
-from hums.fleet.maintenance import Work, read_maintenance
-from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import NOT_ANALYSED, FleetError, order_key
+from hums.fleet.observation import NOT_ANALYSED, FleetError, MonitorSettings, order_key, read_maintenance
 from hums.fleet.result_files import StoredRecord, read_results, results, write_row
 from hums.fleet.table import write_tables
 from hums.fleet.watched_machines import (
-    MachineHistory,
     watch_machines,
     write_alarms,
     write_baselines,
@@ -47,9 +44,9 @@ class Fleet:
     ----------
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
-        ``alarms.csv``, one row per alarm; ``components.csv``, the condition of every component; ``baseline.h5``, the
-        baselines; ``indicators.parquet``, one row per indicator and record, if pyarrow is installed; ``fleet.html``,
-        the fleet page; and ``records/``, the results of each record.
+        ``alarms.csv``, one row per alarm; ``components.csv``, the condition of every component;
+        ``baselines.json``, the baselines; ``indicators.parquet``, one row per indicator and record, if pyarrow is
+        installed; ``fleet.html``, the fleet page; and ``records/``, the results of each record.
     records, failed : int
         Numbers of records, and of records that could not be analysed.
     analysed, kept : int
@@ -202,7 +199,19 @@ def analyze_fleet(
         paths = {name: results_folder / file for name, file in names.items()}
         records = read_results(path for path in paths.values() if path.exists())
         records += [_killed(name) for name, path in paths.items() if not path.exists()]
-        histories, errors, no_trends = _tables(records, folder, monitoring or MonitorSettings(), work, gearbox=named)
+        records.sort(key=lambda one: order_key("", one.record))  # whatever the files' order was
+        histories = watch_machines(records, settings=monitoring or MonitorSettings(), work=work)
+        write_alarms(histories, folder / "alarms.csv")
+        write_components(histories, folder / "components.csv")
+        write_baselines(histories, folder / "baselines.json")
+        no_trends = write_tables(
+            records,
+            folder,
+            health={one["seen"].record: one for history in histories for one in history.records},
+            limits={key: score for history in histories for key, score in history.severe_scores.items()},
+        )
+        write_page(histories, folder / "fleet.html", gearbox=named)
+    errors = {one.record: one.error for one in records if one.error}
     return Fleet(
         folder=folder,
         records=len(records),
@@ -216,28 +225,9 @@ def analyze_fleet(
     )
 
 
-FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5")
+FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baselines.json")
 """What `analyze_fleet` writes for its readers into the folder."""
 _INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/4"
-
-
-def _tables(
-    found: Sequence[StoredRecord], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, gearbox: str
-) -> tuple[list[MachineHistory], dict[str, str], str]:
-    """Monitor the machines; write alarms, components, baselines, the tables of all records and the page."""
-    records = sorted(found, key=lambda one: order_key("", one.record))  # whatever the files' order was
-    histories = watch_machines(records, settings=settings, work=work)
-    write_alarms(histories, folder / "alarms.csv")
-    write_components(histories, folder / "components.csv")
-    write_baselines(histories, folder / "baseline.h5")
-    no_trends = write_tables(
-        records,
-        folder,
-        health={one["seen"].record: one for history in histories for one in history.records},
-        limits={key: score for history in histories for key, score in history.severe_scores.items()},
-    )
-    write_page(histories, folder / "fleet.html", gearbox=gearbox)
-    return histories, {one.record: one.error for one in records if one.error}, no_trends
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:

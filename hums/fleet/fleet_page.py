@@ -11,9 +11,8 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.alarms import ACKNOWLEDGED, RAISED
-from hums.fleet.monitor import Epoch, driving_series
-from hums.fleet.observation import days_since_1970, seconds_since_1970
+from hums.fleet.monitor import RAISED, Epoch, driving_series
+from hums.fleet.observation import ACKNOWLEDGED, days_since_1970, seconds_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory, component_row
@@ -26,9 +25,7 @@ Array = NDArray[np.float64]
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
 _COLUMNS = 500  # of a course, each with its least and its largest value: one for a pixel of the widest figure
 _SMALL_COLUMNS = 100  # of the line in the table
-_NAMED = 5  # components in colours and in the legend; the others are thin
 _PANELS = 6  # series that drove the worst component
-_LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that the limit can still be seen
 _STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
 
 
@@ -171,13 +168,11 @@ def _health(history: MachineHistory, days: Array, worst: str) -> dict[str, Any]:
     now = history.last.index if history.last else {}
     order = sorted(now, key=lambda key: (key != worst, -np.nan_to_num(now[key], nan=-np.inf)))
     index = {key: np.array([one["index"].get(key, math.nan) for one in history.records]) for key in order}
-    largest = max((float(np.fmax.reduce(each)) for each in index.values()), default=1.0)
     day_of = {one["seen"].record: float(day) for one, day in zip(history.records, days, strict=True)}
     learned = [day_of[one] for epoch in history.state.baselines for one in epoch.records if one in day_of]
     raised = [alarm for alarm in history.alarms if alarm["record"] in day_of]
     return {
         "components": [{"name": key, **_curve(days, index[key])} for key in order],
-        "named": _NAMED,
         "span": [float(days[0]), float(days[-1])],
         "baseline": [min(learned), max(learned)] if learned else [],
         "alarms": {
@@ -185,7 +180,6 @@ def _health(history: MachineHistory, days: Array, worst: str) -> dict[str, Any]:
             "y": [max(float(alarm["value"]), 0.02) for alarm in raised],
             "text": [f"{alarm['component']}: {alarm['indicator']}".replace("<", "&lt;") for alarm in raised],
         },
-        "log": [-1.0, math.log10(largest) + 0.1] if largest > _LOG_FROM else None,
     }
 
 

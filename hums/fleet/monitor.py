@@ -3,6 +3,16 @@
 The first records are collected for a baseline. Then the baseline is frozen, and every further record is compared with
 it. Replacing a component begins a new epoch for it: a baseline is learned from the following records, while the other
 components keep theirs.
+
+Alarms of components:
+
+| state | becomes | when |
+|---|---|---|
+| clear, cleared | raised | the index reached 1 in 2 of the last 3 judged records, or 2 in one |
+| raised | acknowledged | an acknowledgement is read: it is latched until then |
+| acknowledged | cleared | 10 judged records in succession lie below one half |
+| acknowledged | raised (anew) | the index exceeds twice the one of the last alarm, by that rule |
+| any | cleared | maintenance resets the component |
 """
 
 import hashlib
@@ -10,32 +20,28 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.alarms import ACKNOWLEDGED, AGAIN, CLEARED, RAISED, SEVERE, Alarm
-from hums.fleet.explanations import UNKNOWN, explanations
-from hums.fleet.maintenance import Work
-from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import NOT_ANALYSED, FleetError, Observation, seconds_since_1970
+from hums.fleet.observation import ACKNOWLEDGED, NOT_ANALYSED, MonitorSettings, Observation, Work, seconds_since_1970
 from hums.fleet.series import (
     NOTHING,
+    UNKNOWN,
     WHOLE_SIGNAL,
     Keys,
     Series,
     component_parts,
+    explanations,
     layout_of,
     limit_table,
     prior_of,
     shared,
     vector,
 )
-from signals.monitoring.charts import WEIGHTS, ChartState
+from signals.monitoring.charts import AT_ONCE, OF, WEIGHTS, WITHIN, ChartState, MachineLimits, machine_limits
 from signals.monitoring.health import Normal, Reading, fused_scores, learn_machine, regime
-from signals.monitoring.limits import MachineLimits, machine_limits
 
 Array = NDArray[np.float64]
 Driver = tuple[str, str, float, float]
@@ -45,6 +51,91 @@ MOST_LEVERAGE = 1.0
 much scatter as the record itself has (our choice)."""
 _DRIVERS = 3  # indicators an alarm names, and parts that it may be instead
 _MEMORY = WEIGHTS[1]  # of the change that is explained
+
+
+ALARM_COLUMNS = (
+    "machine",
+    "component",
+    "channel",
+    "indicator",
+    "record",
+    "recorded_at",
+    "since",
+    "value",
+    "severity",
+    "state",
+    "consequences",
+    "other_explanations",
+    "baseline",
+)
+SEVERE = 2.0  # condition index from which an alarm is severe: twice the limit
+CLEAR, RAISED, CLEARED = "clear", "raised", "cleared"
+AGAIN = 2.0  # growth over the index of the last alarm that raises an acknowledged one anew
+_QUIET, _CLEAR_BELOW = 10, 0.5  # records, and their index, after which it clears: one about the limit is one alarm
+
+
+@dataclass(kw_only=True)
+class Alarm:
+    """Alarm of a component after the latest record.
+
+    ``row`` is its latest row of ``alarms.csv``, ``recent`` states for each of the latest judged records whether it
+    reached the limit, ``quiet`` counts consecutive low records, ``since`` is the time at which the CUSUM last left
+    zero, and ``index`` the latest condition index, the largest of the component and of its consequences.
+    """
+
+    row: dict[str, Any] = field(default_factory=dict)
+    recent: tuple[bool, ...] = ()
+    quiet: int = 0
+    since: str = ""
+    index: float = 0.0
+
+    @property
+    def state(self) -> str:
+        """One of the words above; `CLEAR` before the first alarm."""
+        return str(self.row.get("state", CLEAR))
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is raised or acknowledged."""
+        return self.state in (RAISED, ACKNOWLEDGED)
+
+    @property
+    def consequences(self) -> tuple[str, ...]:
+        """Components whose rise is attributed to its cause, while it stands."""
+        return tuple(filter(None, self.row["consequences"].split("; "))) if self.stands else ()
+
+    def begin(self, row: dict[str, Any]) -> None:
+        """Raise the alarm."""
+        self.row, self.since, self.recent = row, row["since"], ()
+
+    def follow(self, name: str) -> None:
+        """Attribute the rise of a component to its cause."""
+        self.row["consequences"] = "; ".join(sorted({*self.consequences, name}))
+
+    def step(self, index: float, *, bursts: bool = False) -> bool:
+        """Update the alarm by the condition index of a record, NaN where not judged; return whether one is due.
+
+        With `bursts` in the baseline, no single record raises an alarm.
+        """
+        if not math.isfinite(index):
+            return False
+        self.index = index
+        limit = AGAIN * self.row["value"] if self.state == ACKNOWLEDGED else 1.0
+        self.recent = (*self.recent, index >= limit)[-WITHIN:]
+        self.quiet = self.quiet + 1 if index < _CLEAR_BELOW else 0
+        reached = sum(self.recent) >= OF or (index >= AT_ONCE * limit and not bursts)
+        if index >= limit and reached and self.state != RAISED:
+            self.recent = ()
+            return True
+        if self.state == ACKNOWLEDGED and self.quiet >= _QUIET:
+            self.recent = ()
+            self.row["state"] = CLEARED
+        return False
+
+    def acknowledge(self) -> None:
+        """Acknowledge the alarm where it is raised."""
+        if self.state == RAISED:
+            self.row["state"], self.recent, self.quiet = ACKNOWLEDGED, (), 0
 
 
 @dataclass(kw_only=True)
@@ -79,9 +170,9 @@ class Epoch:
 
     @property
     def learned(self) -> tuple[Normal, MachineLimits]:
-        """What is normal, and the limits; FleetError if the baseline is not learned."""
+        """What is normal, and the limits; ValueError if the baseline is not learned."""
         if self.normal is None or self.limits is None:
-            raise FleetError("this baseline is incomplete; monitor more records first.")
+            raise ValueError("this baseline is incomplete; monitor more records first.")
         return self.normal, self.limits
 
     def learn(self, machine: str, settings: MonitorSettings) -> None:
@@ -139,8 +230,7 @@ class Epoch:
     def explanations(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return the evidence of each part, and of other explanations, of the change of the latest records."""
         scatter = math.sqrt(_MEMORY / (2 - _MEMORY) + 1 / len(self.records))
-        levels = self.charts.values[1, len(self.names) :].reshape(2, -1).max(axis=0, initial=0.0)
-        return explanations(self.series, self.change / scatter, dict(zip(self.channels, levels / scatter, strict=True)))
+        return explanations(self.series, self.change / scatter)
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
@@ -467,27 +557,24 @@ def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown])
 def _explained(state: MachineState, name: str, shown: Mapping[str, _Shown]) -> tuple[str, str]:
     """Return the part that a rise alarms for, and the other explanations with their log likelihood ratios to it.
 
-    Parts count that explain the change better than an unknown cause; none explains a sensor's level. Maintenance may
+    Parts count that explain the change better than an unknown cause. A sensor's alarm is its own. Maintenance may
     change anything; a change begins within d records of it by chance with the probability (2 d + 1) / n, if n records
     were judged.
     """
     one, alarm = shown[name], state.alarms[name]
-    if one.epoch is None:
+    if one.epoch is None or ": " in name:
         return name, ""
     parts, others = one.epoch.explanations()
     known = {what: value for what, value in parts.items() if what in shown and value > others[UNKNOWN]}
-    if ": " in name:
-        known = {}
-        del others[UNKNOWN]
     fixed = one.named or alarm.state == ACKNOWLEDGED
     part = name if fixed else max(known, key=lambda what: known[what], default=name)
     work, before = state.serviced
     if work:
         apart = abs(state.judged - one.rising - before)
         others[work] = max(others.values()) + math.log(state.judged / (2 * apart + 1))
-    own = (parts | others).pop(part.partition(": ")[0], 0.0)
+    own = parts.get(part, 0.0)
     ranked = sorted((known | others).items(), key=lambda item: -item[1])
-    return part, "; ".join(f"{what} {value - own:+.1f}" for what, value in ranked if what != part.partition(": ")[0])
+    return part, "; ".join(f"{what} {value - own:+.1f}" for what, value in ranked if what != part)
 
 
 def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> dict[str, Any]:
@@ -537,7 +624,9 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
     for one in work:
         if one.machine in ("", state.machine) and state.last_seconds < seconds_since_1970(one.date) <= now:
             if one.action == ACKNOWLEDGED:
-                _acknowledge(state, one.component)
+                for name, alarm in state.alarms.items():
+                    if _of(name, one.component):
+                        alarm.acknowledge()
             else:
                 _replace(state, one.component)
                 state.serviced = f"maintenance {one.date}", state.judged
@@ -546,16 +635,6 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
 
 def _of(name: str, component: str) -> bool:
     return not component or component in component_parts(name.partition(": ")[0])
-
-
-def _acknowledge(state: MachineState, component: str) -> None:
-    """Acknowledge alarms, and restart their charts, so that only later records decide whether they clear."""
-    for name, alarm in state.alarms.items():
-        if _of(name, component) and alarm.acknowledge():
-            for stratum, one in product(state.strata.values(), (name, *alarm.consequences)):
-                epoch = stratum[state.epoch_of(one.partition(": ")[0])]
-                for place in epoch.watched.get(one, ()):
-                    epoch.charts = epoch.charts.restart(place)
 
 
 def _replace(state: MachineState, component: str) -> None:

@@ -3,13 +3,15 @@
 (() => {
   const DAY_MS = 86400000;
   const PANEL_PX = 150;
+  const NAMED = 5;  // components in colours and in the legend; the others are thin
+  const LOG_FROM = 10;  // largest index from which the axis is logarithmic, so that the limit can still be seen
   const moments = (data, days) => data.start === null ? days : Array.from(days, (day) => data.start + day * DAY_MS);
   const axis = (data) => data.start === null ? {title: {text: "record"}} : {type: "date"};
 
   pages.views.health = (data) => {
     const traces = data.components.map((one, at) => ({
-      type: "scatter", mode: "lines", name: one.name, x: moments(data, one.x), y: one.y, showlegend: at < data.named,
-      line: {color: at < data.named ? `--c${at}` : "--rule", width: at === 0 ? 2 : 1},
+      type: "scatter", mode: "lines", name: one.name, x: moments(data, one.x), y: one.y, showlegend: at < NAMED,
+      line: {color: at < NAMED ? `--c${at}` : "--rule", width: at === 0 ? 2 : 1},
       hovertemplate: "%{x}: %{y:.3g}<extra>%{fullData.name}</extra>"}));
     traces.reverse();  // the worst on top
     traces.push({type: "scatter", mode: "lines", name: "limit", x: moments(data, data.span), y: [1, 1],
@@ -27,7 +29,8 @@
       layout.annotations = [{x: x0, y: 1, yref: "paper", yanchor: "bottom", xanchor: "left", showarrow: false,
                              text: "baseline", font: {size: 11, color: "--faint"}}];
     }
-    if (data.log) layout.yaxis = {...layout.yaxis, type: "log", range: data.log};
+    const largest = data.components.reduce((most, one) => one.y.reduce((a, b) => Math.max(a, b), most), 1);
+    if (largest > LOG_FROM) layout.yaxis = {...layout.yaxis, type: "log", range: [-1, Math.log10(largest) + 0.1]};
     return {traces, layout: {...layout, shapes}};
   };
 

@@ -19,26 +19,14 @@ from numpy.typing import NDArray
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import DIAGNOSED, NOT_JUDGED, not_judged_words
 from hums.analysis.result import Analysis, group
+from hums.fleet import series
 from hums.fleet.observation import Observation
-from hums.fleet.series import (
-    CONDITION,
-    INDICATOR,
-    LINE,
-    NOTHING,
-    Keys,
-    Numbers,
-    Series,
-    joint_names,
-    named,
-    series_of,
-    shared,
-)
 from hums.records.outputs import atomic_write
 from signals._validation import plain_text
 
 _NUMBERS = ("values", "lines", "indicators")  # of a row
 _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
-_NO_LINES = named((), len(LINE), len(_MEASURED) - 1)
+_NO_LINES = series.named((), len(series.LINE), len(_MEASURED) - 1)
 
 
 def results(analysis: Analysis) -> dict[str, Any]:
@@ -49,35 +37,35 @@ def results(analysis: Analysis) -> dict[str, Any]:
     """
     speed = group(analysis, "speed").variables["speed_hz"].to_numpy()
     mean_speed = {"speed_hz": speed.size / float((1 / speed).sum())} if speed.size else {}
-    words = (*CONDITION, "verdict", "doubts")
+    words = (*series.CONDITION, "verdict", "doubts")
     found = _rows(analysis, "findings", words)
     verdicts = [dict(zip(words, row, strict=True)) for row in (*found, *_rows(analysis, "verdicts", words))]
-    of_line = ("line_channel", *LINE[2:-1], "line_units", *_MEASURED)
+    of_line = ("line_channel", *series.LINE[2:-1], "line_units", *_MEASURED)
     lines = [
         [channel, name, *line, int(claimed)]
         for name in (ORDER_SPECTRUM, ENVELOPE)
         for channel, *line, claimed in _rows(analysis, name, of_line)
     ]
-    of_indicator = (*INDICATOR[:-1], "unit", "value")
+    of_indicator = (*series.INDICATOR[:-1], "unit", "value")
     indicators = [row for row in _rows(analysis, "indicators", of_indicator) if math.isfinite(row[-1])]
     measured = {
-        "lines": named(lines, len(LINE), len(_MEASURED)),
-        "indicators": named(indicators, len(INDICATOR), 1),
+        "lines": series.named(lines, len(series.LINE), len(_MEASURED)),
+        "indicators": series.named(indicators, len(series.INDICATOR), 1),
     }
     of_sensor = ("name", "sensor", "status", "reasons")
     sensors = [row for row in _rows(analysis, "health", of_sensor) if row[2] == "faulty"]
-    faulty, joint = {name: reasons for name, _, _, reasons in sensors}, joint_names(measured["lines"])
+    faulty, joint = {name: reasons for name, _, _, reasons in sensors}, series.joint_names(measured["lines"])
     judged = all(sensor != "tachometer" for _, sensor, *_ in sensors)
     diagnosed = {joint.get(name, name) for name, _, word, _ in found if word == DIAGNOSED}
     return measured | {
         "regime": analysis.attrs.get("regime", ""),
-        "values": series_of(**measured, without=faulty) if judged else NOTHING,
+        "values": series.series_of(**measured, without=faulty) if judged else series.NOTHING,
         "covariates": mean_speed | json.loads(analysis.attrs.get("measured_json", "{}")),
         "faulty": faulty,
         "unjudged": "" if judged else "faulty tachometer",
         "diagnosed": sorted(diagnosed) if judged else [],
         "findings": [row[:3] for row in found],
-        "not_judged": [[row[name] for name in CONDITION] for row in verdicts if row["verdict"] == NOT_JUDGED],
+        "not_judged": [[row[name] for name in series.CONDITION] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),
     }
 
@@ -102,9 +90,9 @@ class StoredRecord(Observation):
     """
 
     error: str = ""
-    lines: Numbers = _NO_LINES
-    orders: NDArray[np.float64] = field(default_factory=NOTHING.values.copy)
-    indicators: Numbers = NOTHING
+    lines: series.Numbers = _NO_LINES
+    orders: NDArray[np.float64] = field(default_factory=series.NOTHING.values.copy)
+    indicators: series.Numbers = series.NOTHING
     findings: tuple[tuple[str, str, str], ...] = ()
     label: str = ""
     not_judged: tuple[tuple[str, str], ...] = ()
@@ -124,7 +112,7 @@ def packed_row(row: Mapping[str, Any]) -> bytes:
     The names of the numbers are one text, the same for most records, which is parsed once.
     """
 
-    def packed(numbers: Numbers) -> list[Any]:
+    def packed(numbers: series.Numbers) -> list[Any]:
         names = json.dumps(numbers.keys, separators=(",", ":"))
         return [names, numbers.values.shape, base64.b64encode(numbers.values.astype("<f8").tobytes()).decode()]
 
@@ -137,13 +125,15 @@ def read_row(path: Path) -> dict[str, Any]:
     for name in (one for one in _NUMBERS if one in row):
         names, shape, text = row[name]
         values = np.frombuffer(base64.b64decode(text), dtype="<f8").reshape(shape)
-        row[name] = Numbers(keys=_keys(names, name == "values"), values=values)
-    return row | {name: shared(tuple(map(tuple, row[name]))) for name in ("findings", "not_judged") if name in row}
+        row[name] = series.Numbers(keys=_keys(names, name == "values"), values=values)
+    return row | {
+        name: series.shared(tuple(map(tuple, row[name]))) for name in ("findings", "not_judged") if name in row
+    }
 
 
 @lru_cache(maxsize=4096)
-def _keys(names: str, of_series: bool) -> Keys:
-    return shared(tuple(map(Series._make if of_series else tuple, json.loads(names))))
+def _keys(names: str, of_series: bool) -> series.Keys:
+    return series.shared(tuple(map(series.Series._make if of_series else tuple, json.loads(names))))
 
 
 def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
@@ -156,7 +146,7 @@ def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
         row = read_row(path)
         if lines := row.get("lines"):
             row["orders"] = orders.setdefault(id(lines.keys), lines.values[:, 0].copy())
-            row["lines"] = Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32))
+            row["lines"] = series.Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32))
             row["indicators"] = replace(row["indicators"], values=row["indicators"].values[:, 0].astype(np.float32))
         found.append(StoredRecord(**row))
     return found

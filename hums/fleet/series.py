@@ -1,4 +1,4 @@
-"""Monitored series: logarithms of the indicators and lines of a record, by channel, component and name."""
+"""Monitored series, logarithms of the indicators and lines of a record, and what may explain their change."""
 
 import json
 import math
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.gearbox.defect_orders import BEARING_KINDS
+from signals.monitoring.charts import LimitTable
+from signals.monitoring.explanations import evidence
 from signals.monitoring.health import FEWEST_LEVELS, Layout, Prior
-from signals.monitoring.limits import LimitTable
 
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
@@ -229,3 +230,46 @@ def prior_of(series: Sequence[Series], layout: Layout, levels: NDArray[np.float6
 def limit_table() -> LimitTable:
     """Return the limits learned from healthy machines, one group for each of `Layout.groups`."""
     return LimitTable(**{name: np.array(values) for name, values in _stored_prior()["limits"].items()})
+
+
+# ---- what may explain a change: parts, a sensor, the regime, maintenance, or something unknown -----------------------
+
+
+REGIME, UNKNOWN = "regime", "unknown"
+
+
+def explanations(series: Keys, change: NDArray[np.float64]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the evidence of each part, and of each other explanation, of the change of series (series,)."""
+    kinds, channels, patterns = _patterns(series)
+    of_kinds, of_channels, unknown = evidence(change, *patterns)
+    parts: dict[str, float] = {}
+    for part, value in zip(kinds, of_kinds.tolist(), strict=True):
+        parts[part] = max(value, parts.get(part, value))  # by the kind of damage that explains most
+    sensors = {f"sensor {name}": value for name, value in zip(channels, of_channels.tolist(), strict=True)}
+    return parts, sensors | {REGIME: float(of_channels.sum()), UNKNOWN: unknown}
+
+
+@lru_cache(maxsize=256)
+def _patterns(series: Keys) -> tuple[list[str], list[str], tuple[Any, Any, Any]]:
+    """Return the part of each kind of damage, the channels, and what `evidence` is told of them.
+
+    Impacts once per revolution of a shaft are those of its gears. Related are the gears and the mesh of a stage, what
+    is on one shaft, all indicators of a part, and those of the whole signal.
+    """
+    names, _, layout = layout_of(series)
+    belongs, kinds = dict[str, set[str]](), list[tuple[str, NDArray[np.bool_]]]()
+    for name, damages in zip(names, layout.components, strict=True):
+        together = component_parts(name)
+        for part in together:
+            belongs.setdefault(part, {part.partition("/")[0]}).add(name)
+        gears = [part for part in together[1:] if "/" in part]
+        kinds += [(part, np.isin(np.arange(len(series)), those)) for those in damages for part in gears or [name]]
+    watched = [watched_component(key) for key in series]
+    own, related = np.array([those for _, those in kinds]), np.zeros((len(kinds), len(series)), dtype=np.bool_)
+    for row, (part, _) in zip(related, kinds, strict=True):
+        row[:] = [name.startswith(WHOLE_SIGNAL) or bool(belongs[part] & belongs[name]) for name in watched]
+    alike: dict[str, dict[str, list[int]]] = {}
+    for place, key in enumerate(series):
+        alike.setdefault(key.channel, {}).setdefault(key.indicator, []).append(place)
+    groups = [[np.array(one) for one in of.values() if len(one) >= FEWEST_LEVELS] for of in alike.values()]
+    return [part for part, _ in kinds], list(alike), (own, related, groups)

@@ -21,8 +21,7 @@ from hums.fleet.series import CONDITION, INDICATOR, LINE, Keys, places, shared
 from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree
-from signals.monitoring.forecast import time_until
-from signals.monitoring.slopes import FEWEST, Slopes, series_slopes
+from signals.monitoring.slopes import FEWEST, Slopes, series_slopes, time_until
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,6 @@ related one with 1/4, and any other with 1/N (our choice).
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,38 +22,15 @@ Array = NDArray[np.float64]
 _OWN, _RELATED = math.log(2), math.log(4)
 
 
-class Evidence(NamedTuple):
-    """Log likelihood ratios to no change, less the cost of what is predicted, in nats.
-
-    Attributes
-    ----------
-    explanations : (explanations,) array
-        Of each explanation, with a common change of channels beside it.
-    channels : (channels,) array
-        Of the change that the series of each channel have in common, and of its level, alone.
-    unknown : float
-        Of a change of any series, without a pattern.
-    """
-
-    explanations: Array
-    channels: Array
-    unknown: float
-
-
 def evidence(
-    change: Array,
-    levels: Array,
-    *,
-    own: NDArray[np.bool_],
-    related: NDArray[np.bool_],
-    alike: Sequence[Sequence[NDArray[np.int64]]],
-) -> Evidence:
-    """Return the evidence of each explanation of a change.
+    change: Array, own: NDArray[np.bool_], related: NDArray[np.bool_], alike: Sequence[Sequence[NDArray[np.int64]]]
+) -> tuple[Array, Array, float]:
+    """Return the evidence of each explanation of a change, of a common change of each channel, and of any change.
 
     Parameters
     ----------
-    change, levels : (series,) and (channels,) array
-        Change of each series, and of the level of each channel, in standard deviations of its scatter in health.
+    change : (series,) array
+        Change of each series, in standard deviations of its scatter in health.
     own, related : (explanations, series) array
         Series whose change each explanation predicts, and those in which it may have consequences.
     alike : sequence of sequence of (k,) int array
@@ -62,7 +38,10 @@ def evidence(
 
     Returns
     -------
-    Evidence
+    (explanations,) array, (channels,) array, float
+        Log likelihood ratios to no change, less the cost of what is predicted, in nats: of each explanation, with a
+        common change of channels beside it; of what the series of each channel have in common, alone; and of a change
+        of any series, without a pattern.
 
     Examples
     --------
@@ -71,11 +50,11 @@ def evidence(
     >>> import numpy as np
     >>> from signals.monitoring.explanations import evidence
     >>> own = np.array([[True, True, False, False], [False, False, True, True]])
-    >>> found = evidence(np.array([6.0, 5.0, 3.0, 0.0]), np.zeros(0), own=own, related=~own, alike=[])
-    >>> [round(float(one), 1) for one in found.explanations]
+    >>> found = evidence(np.array([6.0, 5.0, 3.0, 0.0]), own, ~own, [])
+    >>> [round(float(one), 1) for one in found[0]]
     [32.2, 24.3]
     """
-    common, channels = np.zeros_like(change), levels**2 / 2
+    common, channels = np.zeros_like(change), np.zeros(len(alike))
     for number, groups in enumerate(alike):
         for those in groups:
             common[those] = np.median(change[those])
@@ -85,8 +64,5 @@ def evidence(
     explained = (rise**2 - np.maximum(rise - cause, 0) ** 2) / 2
     anywhere = math.log(change.size)
     consequences = np.maximum(explained - np.where(related, _RELATED, anywhere), 0)
-    return Evidence(
-        explanations=np.where(own, explained - _OWN, consequences).sum(axis=1) + beside,
-        channels=channels,
-        unknown=float(np.maximum(rise**2 / 2 - anywhere, 0).sum() + beside),
-    )
+    parts = np.where(own, explained - _OWN, consequences).sum(axis=1)
+    return parts + beside, channels, float(np.maximum(rise**2 / 2 - anywhere, 0).sum() + beside)

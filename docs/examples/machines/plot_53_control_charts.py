@@ -12,8 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hums.fleet.series import limit_table
-from signals.monitoring.charts import ChartState
-from signals.monitoring.limits import machine_limits
+from signals.monitoring.charts import ChartState, machine_limits
 
 records, began = np.arange(120), 60
 growth = 0.1 * np.clip(records - began, 0, None)

@@ -1,6 +1,7 @@
 import contextlib
 import csv
 import itertools
+import json
 import math
 import os
 import shutil
@@ -197,8 +198,8 @@ def test_what_was_measured_is_a_condition_as_speed_is(tmp_path):
         one = hums.make_record({"a": one["a"].values}, rate_hz=RATE_HZ, units="g", angle=angle, **facts)
         save_record(one, tmp_path / f"{day}.h5")
     run([tmp_path], tmp_path / "out", monitoring=hums.MonitorSettings(baseline_records=2))
-    (baseline,) = xr.open_datatree(tmp_path / "out" / "baseline.h5", engine="h5netcdf").children.values()
-    assert baseline["covariate"].values.tolist() == ["speed_hz", "torque"]
+    ((baseline,),) = json.loads((tmp_path / "out" / "baselines.json").read_text()).values()
+    assert baseline["covariates"] == ["speed_hz", "torque"]
 
 
 class TestGoingOn:

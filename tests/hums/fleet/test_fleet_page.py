@@ -12,9 +12,8 @@ import pytest
 from browser import draw_all, drawn_s, printed, show, text_of, violations
 from fleets import FIRST, HEALTHY, PINION, followed, kept, observed
 
-from hums.fleet.alarms import Alarm
 from hums.fleet.fleet_page import write_page
-from hums.fleet.monitor import MachineState
+from hums.fleet.monitor import Alarm, MachineState
 from hums.fleet.watched_machines import MachineHistory
 from hums.pages.page import stand_alone_page
 

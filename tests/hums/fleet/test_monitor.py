@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 from datetime import timedelta
 
@@ -5,10 +6,8 @@ import numpy as np
 import pytest
 from fleets import FIRST, HEALTHY, PINION, alarms, followed, items, observed, valued
 
-from hums.fleet.alarms import Alarm
-from hums.fleet.maintenance import Work
-from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.observation import FleetError, Observation
+from hums.fleet.monitor import Alarm
+from hums.fleet.observation import FleetError, MonitorSettings, Observation, Work
 from hums.fleet.series import Series, prior_of
 
 JOINT = {"stage 1/pinion": "one of A, B"}
@@ -329,3 +328,50 @@ class TestMaintenance:
         work = [Work(date="2026-04-19", action="acknowledged")]
         assert followed(healed)[0].alarms["stage 1/pinion"].row["state"] == "raised"
         assert followed(healed, work=work)[0].alarms["stage 1/pinion"].row["state"] == "cleared"
+
+
+def stepped(indices, alarm=None, *, bursts=False):
+    alarm, raised = alarm or Alarm(), []
+    for number, index in enumerate(indices):
+        if alarm.step(index, bursts=bursts):
+            alarm.row = {"state": "raised", "value": index}
+            raised.append(number)
+    return alarm, raised
+
+
+class TestRaising:
+    def test_two_of_three(self):
+        assert stepped([1, 0, 0, 1, 0, 1, 1])[1] == [5]
+        assert stepped([1, 0, 0, 1, 0, 0, 1])[1] == []
+
+    def test_records_that_are_not_judged_do_not_count(self):
+        assert stepped([1, math.nan, math.nan, math.nan, 1])[1] == [4]
+
+    def test_it_is_latched(self):
+        alarm, raised = stepped([1, 1, *[0] * 100, 5, 5])
+        assert (alarm.state, raised) == ("raised", [1])
+
+    def test_twice_the_limit_raises_it_at_once_but_where_a_baseline_had_such_records(self):
+        assert stepped([0.2, 1.9, 0.2, 0.2, 2.1])[1] == [4]
+        assert stepped([0.2, 1.9, 0.2, 0.2, 2.1], bursts=True)[1] == []
+
+
+class TestAcknowledging:
+    def acknowledged(self):
+        alarm, _ = stepped([1, 1.5])
+        alarm.acknowledge()
+        assert alarm.state == "acknowledged"
+        return alarm
+
+    def test_it_clears_after_a_quiet_time_and_is_raised_again(self):
+        alarm, raised = stepped([0.4, 0.6, *[0.4] * 10], self.acknowledged())
+        assert (alarm.state, raised) == ("cleared", [])
+        assert stepped([1, 1], alarm)[1] == [1]
+
+    def test_it_is_raised_anew_when_it_has_doubled(self):
+        assert stepped([2.9, 2.9, 3.1, 3.1], self.acknowledged())[1] == [3]
+
+    def test_what_is_clear_cannot_be_acknowledged(self):
+        alarm = Alarm()
+        alarm.acknowledge()
+        assert alarm.state == "clear"

@@ -140,7 +140,7 @@ WRITERS = {  # and the files of each
     "analyze record.h5 --gearbox two-stage -o out --no-envelope":
         "out/analysis.h5 out/indicators.csv out/orders.csv out/report.html out/summary.json",
     "fleet record.h5 --gearbox two-stage -o out --no-envelope":
-        "out/alarms.csv out/baseline.h5 out/components.csv out/fleet.csv out/fleet.h5 out/fleet.html "
+        "out/alarms.csv out/baselines.json out/components.csv out/fleet.csv out/fleet.h5 out/fleet.html "
         "out/indicators.parquet out/records.json out/task.json out/trends.csv",
     "dataset plan.toml -o out": "out/checksums.sha256 out/data-card.md out/index.h5 out/labels.csv",
     f"convert raw.h5 new.h5 {READ_RAW}": "new.h5",

@@ -1,7 +1,6 @@
 import pytest
 
-from hums.fleet.maintenance import Work, read_maintenance
-from hums.fleet.observation import FleetError
+from hums.fleet.observation import FleetError, Work, read_maintenance
 
 
 def written(tmp_path, text):
