@@ -7,15 +7,19 @@ import sys
 import tempfile
 import time
 from datetime import UTC, datetime, timedelta
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from hums import AnalysisSettings, NominalSpeed, analyze, load_gearbox, make_record, save_record
 from hums.conversion import convert_files, find_sources
-from hums.fleet.fleet_analysis import _tables, analyze_fleet
+from hums.fleet.fleet_analysis import analyze_fleet
+from hums.fleet.fleet_page import write_page
 from hums.fleet.observation import MonitorSettings
 from hums.fleet.result_files import packed_row, read_results, read_row, results
+from hums.fleet.table import write_tables
+from hums.fleet.watched_machines import watch_machines, write_alarms, write_baselines, write_components
 from hums.jobs import Processes
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
@@ -55,7 +59,14 @@ def table_seconds(analyses: Path, room: Path, *, machines: int, records: int) ->
             named |= {"recorded_at": (FIRST + timedelta(days=day)).isoformat()}
             paths[-1].write_bytes(packed_row(rows[chosen] | named))  # unsynced, as nothing is lost with them
     start = time.process_time()
-    _tables(read_results(paths), room, MonitorSettings(), (), gearbox="two-stage")
+    seen = read_results(paths)
+    histories = watch_machines(seen, settings=MonitorSettings())
+    write_alarms(histories, room / "alarms.csv")
+    write_components(histories, room / "components.csv")
+    write_baselines(histories, room / "baselines.json")
+    health = {one["seen"].record: one for history in histories for one in history.records}
+    write_tables(seen, room, health=health, limits=dict(chain(*(one.severe_scores.items() for one in histories))))
+    write_page(histories, room / "fleet.html", gearbox="two-stage")
     return time.process_time() - start
 
 

@@ -128,6 +128,7 @@ def _figures(history: MachineHistory, worst: dict[str, Any], name: str) -> Itera
         ),
         caption="Dashed: limit. Shaded: records of the baseline.",
     )
+    component = worst["indicator_of"]
     epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
     judged = [one["seen"] for one in history.records if not one["why"]]
     drivers: list[Series] = []

@@ -227,11 +227,6 @@ class Epoch:
         """Return the first driver of an alarm by a verdict: a component damaged in the baseline has wide limits."""
         return "diagnosed, as in its baseline" if component in self.diagnosed else "diagnosed"
 
-    def explanations(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Return the evidence of each part, and of other explanations, of the change of the latest records."""
-        scatter = math.sqrt(_MEMORY / (2 - _MEMORY) + 1 / len(self.records))
-        return explanations(self.series, self.change / scatter)
-
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
         """Return a record compared with the baseline, and the condition index of every score."""
         limits, reading = self.learned[1], self.read(seen, self.recent)
@@ -564,7 +559,8 @@ def _explained(state: MachineState, name: str, shown: Mapping[str, _Shown]) -> t
     one, alarm = shown[name], state.alarms[name]
     if one.epoch is None or ": " in name:
         return name, ""
-    parts, others = one.epoch.explanations()
+    scatter = math.sqrt(_MEMORY / (2 - _MEMORY) + 1 / len(one.epoch.records))
+    parts, others = explanations(one.epoch.series, one.epoch.change / scatter)
     known = {what: value for what, value in parts.items() if what in shown and value > others[UNKNOWN]}
     fixed = one.named or alarm.state == ACKNOWLEDGED
     part = name if fixed else max(known, key=lambda what: known[what], default=name)
@@ -572,9 +568,8 @@ def _explained(state: MachineState, name: str, shown: Mapping[str, _Shown]) -> t
     if work:
         apart = abs(state.judged - one.rising - before)
         others[work] = max(others.values()) + math.log(state.judged / (2 * apart + 1))
-    own = parts.get(part, 0.0)
     ranked = sorted((known | others).items(), key=lambda item: -item[1])
-    return part, "; ".join(f"{what} {value - own:+.1f}" for what, value in ranked if what != part)
+    return part, "; ".join(f"{what} {value - parts.get(part, 0.0):+.1f}" for what, value in ranked if what != part)
 
 
 def _row(state: MachineState, seen: Observation, name: str, shown: _Shown) -> dict[str, Any]:

@@ -123,27 +123,32 @@ def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
 
 
 def component_row(history: MachineHistory, name: str) -> dict[str, Any]:
-    """Return the row of a component in ``components.csv``; of a machine without a judged record `name` is empty."""
+    """Return the row of a component in ``components.csv``; of a machine without a judged record `name` is empty.
+
+    Index and indicator are those of the component or, while its alarm stands, of the largest of its consequences.
+    """
     state, alarm = history.state, history.state.alarms.get(name, Alarm())
     epoch = state.epochs[state.epoch_of(name.partition(": ")[0])]
     last = history.last if history.last and epoch.identity else Judgement(judged=False)
     waiting = history.waiting or ("" if epoch.identity else "learning")
     causes = (cause for cause in state.standing if name in state.alarms[cause].consequences)
     life = next((f"follows from {cause}" for cause in causes), alarm.state)
-    channel, indicator, departure, times_normal = last.drivers.get(name, ("", "", math.nan, math.nan))
+    leading = max((name, *alarm.consequences), key=lambda other: np.nan_to_num(last.index.get(other, -1.0), nan=-1.0))
+    channel, indicator, departure, times_normal = last.drivers.get(leading, ("", "", math.nan, math.nan))
     seen = state.judged + state.refused
     return {
         "machine": state.machine,
         "component": name,
-        "condition_index": last.index.get(name, math.nan),
+        "condition_index": last.index.get(leading, math.nan),
         "state": waiting or life,
         "since": alarm.since,
         "channel": channel,
         "indicator": indicator,
+        "indicator_of": leading,
         "departure": departure,
         "times_normal": times_normal,
         "alarm_from_times_normal": epoch.alarm_from(name) if epoch.identity else math.nan,
-        "growth_per_day": history.growth_per_day(name),
+        "growth_per_day": history.growth_per_day(leading),
         "false_alarms_a_year": history.false_alarms_a_year,
         "refused_share": state.refused / seen if seen else math.nan,
         "unwatched_since": state.unwatched_since,

@@ -159,6 +159,60 @@ class TestCauses:
         assert [row["component"] for row in state.standing.values()] == ["stage 1/wheel"]
 
 
+def ranking(alarm):
+    """The other explanations of an alarm, with their numbers."""
+    return {
+        what: float(value)
+        for what, _, value in (one.rpartition(" ") for one in alarm["other_explanations"].split("; "))
+    }
+
+
+class TestExplanations:
+    def test_all_kinds_stand_in_the_row_of_an_alarm(self):
+        (alarm,) = alarms(followed([*HEALTHY, *(observed(number, **PINION) for number in range(40, 46))])[1])
+        others = ranking(alarm)
+        assert {"unknown", "regime", "sensor a", "sensor b"} <= set(others)
+        assert list(others.values()) == sorted(others.values(), reverse=True)
+        assert max(others.values()) < 0  # the part's whole change is what it predicts
+
+    def test_a_change_that_maintenance_of_another_part_precedes_may_be_its(self):
+        course = [*HEALTHY, *(observed(number, **PINION) for number in range(40, 46))]
+        after = [
+            ranking(alarms(followed(course, work=[Work(date=f"2026-{day}", component="stage 2/wheel")])[1])[0])
+            for day in ("04-09T12:00", "04-01T12:00")  # before the first record of the change, and nine records earlier
+        ]
+        near, far = (next(value for what, value in one.items() if what.startswith("maintenance")) for one in after)
+        assert near - far == pytest.approx(np.log(17), abs=1.0)  # of 21 records, within 0 or 8 on either side
+        assert near > after[0]["unknown"] > far - 2
+
+    def test_the_part_that_explains_the_change_is_named_where_another_reaches_its_limit(self):
+        # impacts of the pinion show in the envelope at the rate of its shaft, of which it is the only gear
+        joint = "one of input, stage 1/pinion"
+        keys = [
+            Series(channel=channel, component=name, kind=kind, indicator=f"{kind} {what}", unit="1")
+            for channel in "ab"
+            for name, kind in ((joint, "shaft"), ("stage 1/pinion", "gear"), ("input", "shaft"), ("output", "shaft"))
+            for what in ("line_level", "line_over_background")
+        ]
+        seen = []
+        for number in range(50):
+            rng = np.random.default_rng(number)
+            values = {key: 0.1 * rng.standard_normal() + (number >= 40 and key.component == joint) for key in keys}
+            when = (FIRST + timedelta(days=number)).isoformat()
+            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=valued(values)))
+        (alarm,) = alarms(followed(seen)[1])
+        assert (alarm["component"], alarm["consequences"]) == ("stage 1/pinion", joint)
+        assert alarm["indicator"].startswith("shaft line")
+
+    def test_an_acknowledged_alarm_lasts_as_long_as_its_consequences(self):
+        state, _ = followed([*HEALTHY, *(observed(number, **PINION) for number in range(40, 46))])
+        state.alarms["stage 1/pinion"].follow("stage 1/wheel")
+        later = [observed(number, component="stage 1/wheel", shift=0.7) for number in range(46, 130)]
+        work = [Work(date="2026-04-15T18:00", action="acknowledged")]
+        followed(later, state=state, work=work)
+        assert state.alarms["stage 1/pinion"].state == "acknowledged"
+
+
 def test_weak_evidence_of_one_part_of_a_bearing_adds_up_to_one_alarm():
     rng = np.random.default_rng(0)
     keys = [
