@@ -15,8 +15,8 @@ from tracking.settings import DECIMATED, Kind
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DRAWN = (0.0115, 0.075)  # errors
-
+LARGEST = 0.3  # error drawn
+COLUMNS = 2
 
 COLOURS: dict[Kind, str] = {"smoother": LINE, "filter": MARK, "peer": FAINT}
 
@@ -25,17 +25,19 @@ def draw(rows: Sequence[Row], ax: "Axes") -> None:
     """Draw one panel a job, of those with errors in the range, in place of the Axes."""
     figure = ax.figure
     ax.remove()
-    inside = [row for row in rows if row.error <= DRAWN[1]]
+    inside = [row for row in rows if row.error <= LARGEST]
     names = list(dict.fromkeys(row.job.name for row in inside or rows))
     shown = [[row for row in inside if row.job.name == name] for name in names]
-    panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
+    panels = figure.subplots(-(-len(names) // COLUMNS), COLUMNS, squeeze=False).ravel()
+    for panel in panels[len(names) :]:
+        panel.remove()
+    panels = panels[: len(names)]
     for panel, name, mine in zip(panels, names, shown, strict=True):
         _panel(mine, panel)
         panel.set_title(name, loc="left", color=INK)
-        panel.set_xlabel("time, multiples of an rfft")
-    panels[0].set_ylabel("error")
+        panel.set(xlabel="time, multiples of an rfft", ylabel="error")
     legend = f"filled: every {DECIMATED} samples; open: all\ndotted: best of all, and of the causal"
-    panels[-1].text(1, 1, legend, fontsize=6, color=INK, va="top", ha="right", transform=panels[-1].transAxes)
+    panels[0].text(1, 1, legend, fontsize=6, color=INK, va="top", ha="right", transform=panels[0].transAxes)
     apply_layout(panels[0])
     for panel, mine in zip(panels, shown, strict=True):
         _label(mine, panel)
@@ -43,11 +45,10 @@ def draw(rows: Sequence[Row], ax: "Axes") -> None:
 
 def _panel(rows: Sequence[Row], panel: "Axes") -> None:
     panel.set(xscale="log", yscale="log")
-    ticks = (0.015, 0.02, 0.03, 0.05, 0.07)
+    ticks = (0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2)
     panel.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     panel.yaxis.set_minor_locator(NullLocator())
-    panel.set_ylim(*DRAWN)
-    panel.margins(x=0.22)
+    panel.margins(x=0.22, y=0.12)
     for mine in _lines(rows):
         colour = COLOURS[mine[0].setting.kind]
         face = "white" if mine[0].setting.outputs == "all" else colour
@@ -60,7 +61,7 @@ def _panel(rows: Sequence[Row], panel: "Axes") -> None:
                 front.append(row)
         corners = [row.time for row in front], [row.error for row in front]
         panel.plot(*corners, drawstyle="steps-post", color=INK, linewidth=0.6, linestyle=":", zorder=1)
-    panel.set_xlim(panel.get_xlim())  # as the points have it, whatever is drawn to name them
+    panel.set(xlim=panel.get_xlim(), ylim=panel.get_ylim())  # as the points have it, whatever is drawn to name them
 
 
 def _lines(rows: Sequence[Row]) -> list[list[Row]]:

@@ -136,6 +136,7 @@ def our_settings() -> list[Setting]:
     smoothers += [ours("smoother", "fast", poles=poles) for poles in (1, 2)]
     smoothers += [ours("smoother", "exact", poles=poles, every=DECIMATED) for poles in (1, 2)]
     own: dict[str, Any] = {"method": "maximum-likelihood bandwidths", "run": _likeliest, "search": _likeliest}
+    own["label"] = "smoother 2, likeliest bandwidths, all"
     smoothers.append(replace(ours("smoother", "auto", poles=2, on=("J4 close",)), family=OWN_BANDWIDTHS, **own))
     filters = [ours("filter", method, poles=poles) for method in ("exact", "fast") for poles in (1, 2, 3, 4)]
     return [*smoothers, *filters, *streams()]
