@@ -7,7 +7,6 @@ when complete, so that an interrupted run resumes with the missing files.
 import hashlib
 import math
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -157,9 +156,7 @@ def _write_checksums(folder: Path) -> None:
             return f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(folder).as_posix()}\n"
 
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in {CHECKSUMS, SEALS})
-    with ThreadPoolExecutor() as pool:  # hashing releases the global interpreter lock
-        lines = [*pool.map(line, files)]
-    write_text(folder / CHECKSUMS, "".join(lines))
+    write_text(folder / CHECKSUMS, "".join(map(line, files)))
 
 
 @dataclass(frozen=True, kw_only=True)

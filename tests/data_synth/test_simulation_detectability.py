@@ -5,7 +5,7 @@ import pytest
 from gearboxes import TWO_STAGE
 from numpy.testing import assert_allclose
 
-from data_synth import Scene, simulate
+from data_synth import Scene, SceneError, simulate
 
 RATE_HZ = 5000.0
 BASE = {
@@ -40,6 +40,12 @@ def test_the_beginning_of_a_record_stands_for_all_of_it():
     assert record.drop_vars(name).identical(simulate(scene, seed=2))
     # of the line of the imbalance again, in whole turns of the shaft
     assert record[name].values[0, 0] == pytest.approx(10 * np.log10(5000 * 0.1**2 / (2 * 0.2**2)), abs=1e-9)
+
+
+@pytest.mark.parametrize("length_s", [-1.0, np.nan, np.inf])
+def test_a_length_that_is_none_is_refused(length_s):
+    with pytest.raises(SceneError, match=r"detectability = .* must be true, false, or a length in s"):
+        simulate(Scene.from_mapping(BASE), seed=2, detectability=length_s)
 
 
 def test_each_fault_has_its_own_label_whatever_stands_beside_it():
