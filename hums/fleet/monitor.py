@@ -538,9 +538,10 @@ def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown])
             for other in state.standing
             if ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
         }
-        cause = part if part in standing else max(standing, key=lambda other: standing[other], default=part)
+        stands = part != name and state.alarms[part].stands
+        cause = part if stands else max(standing, key=standing.__getitem__, default=part)
         again = not name.startswith(WHOLE_SIGNAL) and one.value >= AGAIN * standing.get(cause, 0.0)
-        if part not in standing and (not standing or one.named or again):
+        if not stands and (not standing or one.named or again):
             since, cause = alarm.since or seen.when, part
             state.alarms[part].begin(_row(state, seen, part, one) | {"since": since, "other_explanations": others})
             alarms.append(state.alarms[part].row)
@@ -562,8 +563,7 @@ def _explained(state: MachineState, name: str, shown: Mapping[str, _Shown]) -> t
     scatter = math.sqrt(_MEMORY / (2 - _MEMORY) + 1 / len(one.epoch.records))
     parts, others = explanations(one.epoch.series, one.epoch.change / scatter)
     known = {what: value for what, value in parts.items() if what in shown and value > others[UNKNOWN]}
-    fixed = one.named or alarm.state == ACKNOWLEDGED
-    part = name if fixed else max(known, key=lambda what: known[what], default=name)
+    part = name if one.named or alarm.state == ACKNOWLEDGED else max(known, key=known.__getitem__, default=name)
     work, before = state.serviced
     if work:
         apart = abs(state.judged - one.rising - before)

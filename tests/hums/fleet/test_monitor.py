@@ -29,6 +29,24 @@ class TestAlarms:
         assert len(alarm["baseline"]) == 12
         assert found[-1].index["stage 1/pinion"] > 1 > found[-1].index["stage 2/wheel"]
 
+    @pytest.mark.parametrize("seed", range(6))
+    def test_a_jump_of_eight_deviations_after_ten_records_alarms_by_its_second_record(self, seed):
+        keys = [
+            Series(channel=channel, component=f"part {part}", kind="gear", indicator=f"ratio {number}", unit="1")
+            for channel in "ab"
+            for part in range(20)
+            for number in range(3)
+        ]
+        rng, seen = np.random.default_rng(seed), []
+        for number in range(20):
+            values = {key: 0.2 * rng.standard_normal() for key in keys}  # as machines usually scatter
+            values |= {key: values[key] + 1.6 for key in keys if number >= 15 and key.component == "part 3"}
+            when = (FIRST + timedelta(days=number)).isoformat()
+            seen.append(Observation(machine="mill", record=str(number), recorded_at=when, values=valued(values)))
+        (alarm,) = alarms(followed(seen, settings=MonitorSettings(baseline_records=10))[1])
+        assert alarm["component"] == "part 3"
+        assert int(alarm["record"]) <= 16
+
     def test_an_alarm_that_stands_keeps_its_time(self):
         rising = [observed(number, **(PINION if number in (40, 41, 240, 241) else {})) for number in range(40, 242)]
         state, found = followed([*HEALTHY, *rising])
