@@ -88,7 +88,7 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     gram, process = counts[:, :, None, None] / parts, grid.process_noise(group[:1])[:, :1].copy()
     prior = grid.model.subset(group[:1]).prior_variance(step=grid.length)[:, :1]
     before = Information.prior(prior, lanes.shape[3])
-    return NodeChain(gram=gram, data=lanes, process_noise=process, before=before)
+    return NodeChain(gram=gram.__getitem__, data=lanes, process_noise=process, before=before)
 
 
 class Joint(NamedTuple):

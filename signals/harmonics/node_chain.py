@@ -49,20 +49,18 @@ class Information(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NodeChain:
-    """A random walk over nodes with its measurements.
+    """A random walk over nodes with its measurements."""
 
-    To save memory, `gram` may be a function from a range of nodes to such an array.
-    """
-
-    # (node, moment, width, width) moments of the products of the regressors of the levels
-    gram: Floats | Callable[[slice], Floats]
+    # Of a range of nodes, the (node, moment, width, width) moments of the products of the regressors of the levels: a
+    # function, so that those of a long chain need not be kept.
+    gram: Callable[[slice], Floats]
     data: Floats  # (node, pole, width, lane) moments of regressors times data
     process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
     before: Information  # on the state at the first node before its data
 
     def measured(self, nodes: slice) -> tuple[Floats, Floats]:
         """Return the information in a range of nodes' data: J, (node, state state), and j, (node, state lane)."""
-        gram = self.gram(nodes) if callable(self.gram) else self.gram[nodes]
+        gram = self.gram(nodes)
         (_, moments, width, _), (count, poles, _, lanes) = gram.shape, self.data[nodes].shape
         (basis, products), size = newton_basis(poles), poles * width
         pairs = products.reshape(poles**2, moments) @ gram.reshape(count, moments, width**2)

@@ -66,11 +66,8 @@ def noise_density(
     """
     from scipy.fft import rfft  # noqa: PLC0415 - slow to import
 
-    known = np.broadcast_to(white, (_INTERVALS, model.orders.size, white.size))
-    left = np.full(known.shape, 2 / freedom)
+    known = np.broadcast_to(white, (model.orders.size, white.size))
     starts, length = _segments(seen, model, fewest=2 if curved else 4)
-    if not starts.size:
-        return known.transpose(2, 1, 0), 2 / left.transpose(2, 1, 0)
     window = _window(length)
     bins, rank, away = _bins(starts, length, model)
     values = np.empty((*bins.shape, len(record)))  # segment, order, side, bin, channel
@@ -82,7 +79,7 @@ def noise_density(
         spectrum = rfft(piece.astype(np.float32), overwrite_x=True).T[bins[segment]]
         values[segment] = np.abs(spectrum.astype(np.complex128)) ** 2 * scale**2
     values[(rank == 0) | (curved & (rank > _FAR))] = np.nan
-    flat, flat_chance = _shrunk(*_pooled(values), known[0], left[0])
+    flat, flat_chance = _shrunk(*_pooled(values), known, np.full(known.shape, 2 / freedom))
     top, top_chance = _extrapolated(values, rank, away)
     shown = curved & (top > 0) & (seen.size * model.bandwidth.max(axis=1) >= SEGMENT)[:, None]
     density = np.repeat(np.where(shown, top, flat)[None], _INTERVALS, axis=0)
