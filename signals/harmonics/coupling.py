@@ -5,8 +5,8 @@ parts in which they come close. Near the ends and gaps it is larger, that of the
 weight; an incomplete weight suppresses hardly anything. So there more orders are smoothed jointly, and the waveforms of
 the others, as estimated first, are subtracted from the samples under incomplete weights.
 
-With one pole the gain falls off so slowly that many orders leak a little into one another throughout the record. What
-they leave is then subtracted from the data at the nodes, in rounds, as in the Jacobi iteration for the joint smoother.
+With one pole the gain falls off so slowly that many orders leak a little into one another throughout the record. Their
+waveforms are then subtracted from all samples, in rounds, as in the Jacobi iteration for the joint smoother.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from signals.harmonics._block_kernels import phasors
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
 from signals.harmonics.node_chain import Information, NodeChain, smooth_chain
@@ -138,13 +137,10 @@ MEMORIES = 6.0
 LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
 # Largest number of parts of the record that are searched for orders that leak into one another.
 MOST_PARTS = 32
-# Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
-MOST_AT_ENDS = 12
-# With one pole, more orders than these that pass less than `WEAK` of one another are not smoothed together, save near
-# the ends of a record so many times as long: their joint covariance would take up half of `WEAK`.
-MOST_WEAK, WEAK, SHORTEST_WEAK = 8, 1e-2, 10
-# Parts of the record in which frequencies are taken as constant there, at most, and nodes in one.
-MOST_STEADY, FEWEST_NODES = 128, 8
+# Orders smoothed together, at most, where nearly all disturb one another a little: near ends and gaps; and with one
+# pole, if they pass less than `WEAK` of one another, throughout a record so many times as long as what is near its
+# ends. Rounds are quicker for more orders, and their joint covariance would take up half of `WEAK`.
+MOST_TOGETHER, WEAK, SHORTEST_WEAK = 12, 1e-2, 10
 
 
 def smooth_coupled(grid: Grid) -> tuple[Smoothed, float]:
@@ -170,7 +166,7 @@ def smooth_coupled(grid: Grid) -> tuple[Smoothed, float]:
         together[joint.group, joint.kept] = True
     lone = np.flatnonzero(~together.all(axis=1))
     for number in range(MOST_ROUNDS):
-        before, others = smoothed.levels.copy(), WithoutOthers(grid, smoothed.levels, grid.cut, one_pole=weak)
+        before, others = smoothed.levels.copy(), WithoutOthers(grid, smoothed.levels, None if weak else grid.cut)
         smooth_alone(grid, lone, others.alone(lone), counts, smoothed, together=together)
         for joint in near_ends if number == 0 or (weak and more > grid.tolerance) else []:
             smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
@@ -183,29 +179,6 @@ def smooth_coupled(grid: Grid) -> tuple[Smoothed, float]:
     if left > 0 and grid.model.poles > 1 and closeness.dwell():
         left = inf  # what others leave in the difference of such orders does not fade in a memory
     return smoothed, left
-
-
-def leaked(grid: Grid, levels: Complexes, nodes: slice) -> Floats:
-    """(node, pole, order, channel, 2) array, what other orders and images leave in the data at nodes, with one pole.
-
-    Between nodes the amplitudes, (channel, order, node), are taken as constant; the spectrum of a whole triangular
-    weight is a squared sinc.
-    """
-    model = grid.model
-    at = np.minimum(grid.length * np.arange(grid.nodes)[nodes], grid.samples - 1)
-    turns = model.turns(at)
-    turn = phasors(2 * pi * turns)
-    waves, found = levels * turn.conj(), np.empty_like(levels)
-    edges = np.arange(0, at.size, max(FEWEST_NODES, at.size // MOST_STEADY))
-    for part in np.split(np.arange(at.size), np.union1d(edges, np.flatnonzero(grid.jumps[nodes]))[1:]):
-        step = (turns[:, part[-1]] - turns[:, part[0]]) / max(at[part[-1]] - at[part[0]], 1)
-        apart = np.stack([step - step[:, None], step + step[:, None]])
-        others, images = np.sinc(grid.length * (apart - np.rint(apart))) ** 2
-        np.fill_diagonal(others, 0.0)
-        np.fill_diagonal(images, np.where(model.orders == 0, 0.0, np.diag(images)))
-        found[..., part] = others @ waves[..., part] + images @ waves[..., part].conj()
-    found *= 0.5 * grid.length * turn
-    return np.ascontiguousarray(found.T[:, None]).view(np.float64).reshape(at.size, 1, *found.shape[1::-1], 2)
 
 
 def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint], float, bool]:
@@ -226,7 +199,7 @@ def _inside(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joint]
     gains = closeness.received(gain, np.ones_like(size), least=least)
     long = grid.model.bandwidth.shape[1] == 1 and grid.nodes > SHORTEST_WEAK * grid.reach(MEMORIES)
     for group, parts in zip(groups, linked, strict=True):
-        weakly = grid.model.poles == 1 and group.size > MOST_WEAK and gains[np.ix_(group, group)].max() < WEAK
+        weakly = grid.model.poles == 1 and group.size > MOST_TOGETHER and gains[np.ix_(group, group)].max() < WEAK
         if weakly and long and np.mean(grid.cut) < 1 / SHORTEST_WEAK:
             weak = True
             continue
@@ -262,16 +235,12 @@ def _near_ends(grid: Grid, closeness: Closeness, size: Floats) -> tuple[list[Joi
 class WithoutOthers:
     """Moments of a record less the estimated waveforms of other orders, near some nodes, all by default.
 
-    The waveforms are weighted with the sum of the triangular weights of these nodes. With `one_pole` what others leave
-    elsewhere is subtracted, too, see `leaked`.
+    The waveforms are weighted with the sum of the triangular weights of these nodes.
     """
 
-    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags | None = None, *, one_pole: bool = False) -> None:
+    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags | None = None) -> None:
         nodes = np.ones(grid.nodes, dtype=np.bool_) if nodes is None else nodes
-        self._elsewhere = one_pole & ~nodes
-        # There the weights of the nodes themselves must be whole.
-        nodes = np.convolve(nodes, [1, 1, 1], mode="same") > 0 if one_pole else nodes
-        self._grid, self._nodes, self._levels = grid, nodes, levels
+        self._grid, self._nodes = grid, nodes
         self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
         orders = np.arange(grid.model.orders.size)
         self._runs = list(grid.runs(nodes[:-1] | nodes[1:]))
@@ -295,28 +264,17 @@ class WithoutOthers:
             pieces = self._pieces[:, orders, blocks].transpose(2, 4, 1, 0, 3)  # block, power, order, channel, part
             back = hankel @ pieces.reshape(*pieces.shape[:2], -1)
             moments[blocks] += back.reshape(*back.shape[:2], *pieces.shape[2:]) / parts
-        return self._at_nodes(moments, orders, slice(0, grid.nodes), self._levels)
+        return grid.at_nodes(moments)
 
     def together(self, group: Indices, nodes: slice | None = None) -> Floats:
         """(node, pole, order, channel, 2) array of the data at some nodes, of a group without all others."""
         grid = self._grid
         nodes = slice(0, grid.nodes) if nodes is None else nodes
-        moments, others = self._moments[:, :, group], self._levels[..., nodes].copy()
-        others[:, group] = 0.0
+        moments = self._moments[:, :, group]
         for samples, blocks in self._runs:
             if blocks.stop >= nodes.start and blocks.start < nodes.stop:
                 moments[blocks] += grid.project(self._weighted(group, samples), blocks, group)
-        return self._at_nodes(moments, group, nodes, others)
-
-    def _at_nodes(self, moments: Floats, orders: Indices, nodes: slice, others: Complexes) -> Floats:
-        grid, elsewhere = self._grid, self._elsewhere[nodes]
-        before = max(nodes.start - 1, 0)
-        blocks, own = slice(before, nodes.stop), slice(nodes.start - before, nodes.stop - before)
-        data = grid.at_nodes(moments[blocks])[own]
-        if elsewhere.any():
-            plain = grid.at_nodes(grid.moments[blocks][:, :, orders])[own]
-            data[elsewhere] = (plain - leaked(grid, others, nodes)[:, :, orders])[elsewhere]
-        return data
+        return grid.at_nodes(moments)[nodes]
 
     def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""
@@ -328,7 +286,7 @@ def _split(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
     groups = list[Indices]()
     for group in disturbed:
         by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]
-        groups += [np.sort(part) for part in np.array_split(by_frequency, -(-group.size // MOST_AT_ENDS))]
+        groups += [np.sort(part) for part in np.array_split(by_frequency, -(-group.size // MOST_TOGETHER))]
     return groups
 
 
