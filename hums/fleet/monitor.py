@@ -525,8 +525,8 @@ def _raised(state: MachineState, seen: Observation, shown: Mapping[str, _Shown])
         alarm = state.alarms.setdefault(name, Alarm())
         if one.rising <= 1 and not any(alarm.recent) and alarm.state != RAISED:
             alarm.since = seen.when
-        together = [shown[other].value for other in (name, *alarm.consequences) if other in shown]
-        if alarm.step(float(np.fmax.reduce(together)), bursts=one.bursts):
+        together = (shown[other].value for other in (name, *alarm.consequences) if other in shown)
+        if alarm.step(max(filter(math.isfinite, together), default=math.nan), bursts=one.bursts):
             rises.append(name)
     for name in sorted(rises, key=lambda rise: (not shown[rise].named, -shown[rise].value)):
         one, alarm = shown[name], state.alarms[name]
