@@ -42,6 +42,16 @@ def check_record(x: ArrayLike, *, smallest: float = 0.0) -> Floats:
     return values
 
 
+def check_channel(x: ArrayLike, *, smallest: float = 0.0) -> Floats:
+    """Return a record of one channel, some of it observed, as a (sample,) array, or refuse it, as `check_record`."""
+    channels = check_record(x, smallest=smallest)
+    if len(channels) > 1:
+        raise ValueError(f"x has {len(channels)} channels; each has estimates of its own: pass one channel at a time.")
+    if np.isnan(channels).all():
+        raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
+    return np.asarray(channels[0])
+
+
 def check_orders(
     orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], *, samples: int
 ) -> tuple[Floats, tuple[str, ...], Indices, tuple[Floats, ...]]:

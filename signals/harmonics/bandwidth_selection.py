@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from signals._validation import checked, positive
-from signals.harmonics._arguments import check_model, check_record, per_order
+from signals.harmonics._arguments import check_channel, check_model, per_order
 from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import block_length, residuals, scattered_share
@@ -150,12 +150,7 @@ def _checked(
     poles: int, noise_variance: ArrayLike | None, **largest: float | None,
 ) -> tuple[HarmonicModel, Floats, Floats | None, float]:  # fmt: skip
     """Return the model at the largest bandwidth, the record, the noise of each order, and the rate."""
-    channels = check_record(x)
-    if len(channels) > 1:
-        raise ValueError(f"x has {len(channels)} channels; each has bandwidths of its own: pass one channel at a time.")
-    if np.isnan(channels).all():
-        raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
-    record = np.asarray(channels[0])
+    record = check_channel(x)
     model, _, widths, _ = check_model(
         orders=orders, phase_rad=phase_rad, samples=record.size, noise_variance=None, initial_std=None, poles=poles,
         **largest,

@@ -93,8 +93,7 @@ class OrderTracker:
             bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
             samples_per_rev=samples_per_rev,
         )  # fmt: skip
-        numbers, self._model = model.orders, model.with_mean
-        self._orders = list(zip(self._names, numbers.tolist(), strict=True)) if self._names else numbers
+        self._orders, self._model = tuple(orders), model.with_mean
         self._shafts = list(dict.fromkeys(self._names)) or [""]
         choice(method, name="method", choices=("exact", "fast"))
         self._steady = SteadyGains.of(self._model) if method == "fast" else None

@@ -35,8 +35,8 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from signals._validation import checked, choice, positive, real_vector, whole
-from signals.harmonics._arguments import SMALLEST, check_below_half_rate, check_model, check_record
+from signals._validation import checked, choice, positive, whole
+from signals.harmonics._arguments import SMALLEST, check_below_half_rate, check_channel, check_model
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, along, chain_of, extended_filter, smooth
 from signals.slipping_order.slip_detection import SlipRecord, search
@@ -214,10 +214,7 @@ def track_slipping_order(
     for name, value in (("largest_slip", largest_slip), ("slip_change_per_rev", slip_change_per_rev)):
         if not positive(value, name=name) < 1:
             raise ValueError(f"{name}={value:g} is relative to the order and must be below 1; 2 % is 0.02.")
-    samples = real_vector(x, name="x", minimum=4, finite=False, any_unit=True)  # narrower bounds follow
-    if np.isnan(samples).all():
-        raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
-    check_record(samples, smallest=SMALLEST)
+    samples = check_channel(x, smallest=SMALLEST)
     model, *_, given = check_model(
         orders=(positive(order, name="order") * number).tolist(), phase_rad=phase_rad, samples=samples.size, poles=1,
         noise_variance=noise_variance, initial_std=None, bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders,

@@ -146,7 +146,7 @@ def test_scaling_the_record_changes_nothing():
             {"noise_variance": [1, 2, 3]},
             "noise_variance has 3 values for 2 orders; pass one number for all, or one each",
         ),
-        ({"x": np.zeros((2, 8000))}, r"x has 2 channels; each has bandwidths of its own"),
+        ({"x": np.zeros((2, 8000))}, r"x has 2 channels; each has estimates of its own"),
         ({"x": np.full(8000, np.nan)}, r"x has 8000 samples, all of them missing"),
     ],
 )
