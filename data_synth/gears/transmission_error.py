@@ -4,14 +4,18 @@ An error e(phase) is subtracted from the deflection of a mesh. Phases are in mes
 period of as many cycles as it has teeth.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from data_synth.gears.mesh_stiffness import Array, ComplexArray
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from data_synth.gears.mesh_stiffness import Array, ComplexArray
 
 _NEAR = 1e-9  # cycles: phases nearer than this are one
 
