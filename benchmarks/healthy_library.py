@@ -362,7 +362,7 @@ def tail_bounds(
 ) -> NDArray[np.float64]:
     """Return the upper bound of the probability that a part is as strong `at` each strength.
 
-    The tail is exponential: a score is a logarithm of odds, and the strength of a tooth one of a probability. Parts of
+    The tail is exponential: a score is a logarithm of odds, and that of a tooth's strength falls faster. Parts of
     one gearbox are not independent, so that gearboxes are resampled. Of the bounds over all thresholds the largest is
     taken.
     """

@@ -98,7 +98,7 @@ class PartEvidence:
         measured there is so small that a deeper one would have been larger in nine of ten records.
     inspected_hz : (float, float)
         Range of these bands; damage that rings outside it is not excluded.
-    unsure_depth : float
+    largest_strength : float
         Strength of the strongest line in any band at its order, whatever explains it.
     undrawn : str
         Deep line that the drawing does not explain and its bearing might make, and what to check; empty without one.
@@ -130,7 +130,7 @@ class PartEvidence:
     hidden_by: str = ""
     possible_depth: float = math.inf
     inspected_hz: tuple[float, float] = (0.0, math.inf)
-    unsure_depth: float = 0.0
+    largest_strength: float = 0.0
     undrawn: str = ""
     sibling_depths: tuple[float, ...] = ()
     modulation: float = 0.0
@@ -306,7 +306,7 @@ def _part(
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
         hidden_by=best.explained_by,
-        unsure_depth=max(claim.strength for _, claim, _ in own),
+        largest_strength=max(claim.strength for _, claim, _ in own),
         sibling_depths=tuple(one.depth if one is not None and one.shows else 0.0 for one in beside),
     )
 

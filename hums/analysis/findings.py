@@ -60,7 +60,8 @@ class Finding:
     """Verdict on one kind of defect of one component, with the evidence in words and its strongest line.
 
     `depth` is the modulation of the band by that line, NaN if a verdict has none. `doubts` are the reasons for which it
-    is not diagnosed, or not judged. `alike` names other components, joined by "or", which the record cannot tell apart.
+    is not diagnosed, or not judged. `alike` names what else the record cannot distinguish from the component, joined by
+    "or": other components, or a loose part on a shaft.
     """
 
     component: str
@@ -417,10 +418,10 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
 
 def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     """Return that nothing was found, or that a part is not judged since its defect may have gone undetected."""
-    if part.unsure_depth > FAULTY_DEPTH:
-        why = f"a line at its order, of noise or damage, modulates a band by {part.unsure_depth:.0%}"
+    if part.largest_strength > FAULTY_DEPTH:
+        why = f"a line at its order, of noise or damage, modulates a band by {part.largest_strength:.0%}"
         if part.hidden_by:
-            why = f"{_hidden(part.hidden_by)}; it modulates a band by {part.unsure_depth:.0%} and may mask damage"
+            why = f"{_hidden(part.hidden_by)}; it modulates a band by {part.largest_strength:.0%} and may mask damage"
         return _not_judged(part, why, least_change=f"nothing found with that line below {FAULTY_DEPTH:.0%}")
     if part.possible_depth > JUDGED_DEPTH:
         longer = (part.possible_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time

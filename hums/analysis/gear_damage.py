@@ -3,12 +3,8 @@
 The record is folded at the contacts of one tooth with its mates: once per revolution on fixed axes; for a sun or ring
 once per planet and revolution relative to the carrier, for a planet once per revolution relative to it. Sun, planets
 and ring therefore need no window around the planet passes. These modulate the level within a revolution, by which the
-record is divided. In two or three revolutions the waveform of the tooth must repeat, not only its energy.
-
-The strength of the evidence is ``-log10`` of the probability that among teeth with exponentially distributed energies
-one is as extreme, and 0 if it does not repeat. Real deviations follow that distribution only roughly, so the
-probability of a verdict is the share of healthy gears with deviations that reach this strength
-(`hums.analysis.healthy_machines`).
+record is divided. The probability of a verdict is the share of healthy gears with pitch deviations whose most
+conspicuous tooth stands out as far (`hums.analysis.healthy_machines`).
 """
 
 import math
@@ -26,15 +22,14 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
 from hums.analysis.segments import Segment, resample_in_angle
 from hums.analysis.thresholds import (
-    DIFFERING_TEETH,
     FEWEST_CYCLES,
     GRAVE_RISE,
-    HIGHEST_TOOTH,
     MODULATED_MESH,
+    SELDOM_SOUND,
 )
 from hums.gearbox.defect_orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
-from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage, repeated_waveform
+from signals.angle.local_damage import LocalDamage, folded, local_damage
 from signals.angle.residual_energies import (
     BandEnergies,
     mesh_contrast,
@@ -55,8 +50,6 @@ _MASKED_TEETH = 1.5  # on either side of a damaged tooth, removed before weaker 
 _NO_ANGLE = "the speed is nominal and no line follows its changes, so the angle is not known to within a tooth"
 _FAULTY = "the sensor is faulty"
 _COMPARE = "Compare with an earlier record at the same speed and load, or inspect the teeth."
-_ROTATIONS = (999, 9999)  # least and most; more only cost time
-_LEAST_LOCAL = 1e-30  # far below that of any healthy gear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,16 +71,11 @@ class GearJudgement:
     turns : int
         Revolutions of the gear used, with each contact of a sun or ring tooth with a planet counted; 0 if not judged.
     probability : float
-        Probability that a healthy machine shows as much, over all gears and channels; 1 if not judged. At least that
-        of `repeats` over all of them.
-    strength : float
-        See the module.
-    local, repeats, differing : float
-        Of this gear alone (see `LocalDamage`).
-    statistic, outlier, rise : float
+        Probability that a healthy machine shows as much, over all gears and channels; 1 if not judged.
+    strength, rise : float
         As in `LocalDamage`.
     least_rise : float
-        Rise above which the tooth would be named, whichever single band it affects.
+        Rise from which on the tooth would be named, whichever single band it affects.
     amplitude : float
         RMS of the envelope at the tooth, in `units`.
     position_rev : float
@@ -119,11 +107,6 @@ class GearJudgement:
     turns: int = 0
     probability: float = 1.0
     strength: float = 0.0
-    local: float = 1.0
-    repeats: float = 1.0
-    differing: float = 1.0
-    statistic: float = 0.0
-    outlier: float = 0.0
     rise: float = 1.0
     least_rise: float = 1.0
     amplitude: float = math.nan
@@ -303,11 +286,6 @@ def _residual(segment: Segment) -> _Residual:
     return _Residual(signal=signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
 
 
-def healthy_probability(strength: float, repeats: float, library: HealthyMachines, *, tests: int) -> float:
-    """Return the probability that a healthy machine shows as much at any of `tests` gears: see `GearJudgement`."""
-    return max(min(1.0, tests * repeats), library.probability(strength, parts=tests))
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Judge:
     """Judges the gears of one channel, `tests` of them in the record."""
@@ -320,8 +298,8 @@ class _Judge:
 
     @cached_property
     def named_at(self) -> float:
-        """Largest `local` probability at which a gear is named."""
-        return float(10.0 ** -self.library.strength_at(self.threshold, parts=self.tests))
+        """Least strength at which a gear is named."""
+        return self.library.strength_at(self.threshold, parts=self.tests)
 
     @cached_property
     def white(self) -> AngularSignal:
@@ -333,9 +311,6 @@ class _Judge:
 
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the evidence for a gear, from some of the samples."""
-        least, most = _ROTATIONS
-        # gears may have `GEARS_SHARE` of the stated probability, and the least of rotations is three eighths of that
-        rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
         try:
             folds = folded(
                 self.energies,
@@ -347,27 +322,14 @@ class _Judge:
             )
         except ValueError as error:
             return replace(row, not_judged=f"too short, or its sampling rate too low: {error}")
-        found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0), stated=self.named_at)
-        if found.turns < PERMUTED_TURNS:
-            repeats = repeated_waveform(
-                self.white, order=gear.row.order, teeth=gear.per_turn, position_rev=found.position_rev, keep=keep
-            )
-            found = replace(found, repeats=repeats)
-        return replace(row, **self._fields(found))
+        return replace(row, **self._fields(local_damage(folds, stated=self.named_at)))
 
     def _fields(self, found: LocalDamage) -> dict[str, Any]:
         level = float(self.energies.values[found.band].mean())
-        by_chance = min(1.0, self.tests * found.repeats)
-        strength = -math.log10(max(found.local, _LEAST_LOCAL)) if by_chance <= self.threshold else 0.0
         return {
             "turns": found.turns,
-            "probability": healthy_probability(strength, found.repeats, self.library, tests=self.tests),
-            "strength": strength,
-            "local": found.local,
-            "repeats": found.repeats,
-            "differing": found.differing,
-            "statistic": found.statistic,
-            "outlier": found.outlier,
+            "probability": self.library.probability(found.strength, parts=self.tests),
+            "strength": found.strength,
             "rise": found.rise,
             "least_rise": found.least_rise,
             "amplitude": math.sqrt(level * found.rise),
@@ -441,17 +403,17 @@ def most_conspicuous(judged: Sequence[GearJudgement]) -> list[GearJudgement]:
     return sorted(judged, key=lambda row: (bool(row.explained_by), _evidence(row)))
 
 
-def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
-    return (bool(row.not_judged), row.local, -row.statistic)
+def _evidence(row: GearJudgement) -> tuple[bool, float]:
+    return (bool(row.not_judged), -row.strength)
 
 
 def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: float) -> list[Finding]:
     """Return the verdict on every gear, from the channel with the strongest evidence.
 
     A damaged tooth is at most *indicated*: a single pitch deviation of a sound gear is equally local, and one record
-    cannot distinguish the two; a baseline or a declared grade of ISO 1328-1 could. If several teeth differ in the same
-    way throughout the record, and the highest by more than pitch deviations usually cause, they may be pitted, and the
-    gear is not judged. Wear of all teeth is not judged at all.
+    cannot distinguish the two; a baseline or a declared grade of ISO 1328-1 could. A gear with a tooth that stands out
+    more than in most healthy machines, and less than would be named, is not judged. Wear of all teeth is not judged at
+    all.
     """
     named: dict[str, GearJudgement] = {}
     for row in judged:
@@ -473,10 +435,10 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
 
 def _indicated(row: GearJudgement, stated: float) -> Finding:
     (low, high), shown = row.band_orders, max(row.probability, RAREST_STATED)
-    alike = " or ".join(row.rivals)
-    doubt = f"it may be a tooth of {alike}; " if alike else ""
+    rivals = " or ".join(row.rivals)
+    doubt = f"it may be a tooth of {rivals}; " if rivals else ""
     doubt += "a single pitch deviation of a sound gear has the same effect"
-    tooth = f"tooth of {row.component} or {alike}" if alike else "tooth"
+    tooth = f"tooth of {row.component} or {rivals}" if rivals else "tooth"
     step = f"Compare with an earlier record at the same speed and load, or inspect the {tooth}"
     if row.from_pulse:
         number = int(row.position_rev % 1 * row.teeth) + 1
@@ -488,13 +450,12 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         step += f" and the parts mounted on {row.knock_of}"
     evidence = (
         f"between the mesh harmonics, from {low:.4g} to {high:.4g} orders, the energy at one tooth is "
-        f"{row.rise:.1f} times that at the others throughout {row.turns} contacts per tooth, {row.outlier:.1f} of "
-        f"their standard deviations above their mean; not certain: {doubt}; compare with an earlier record, or measure "
-        "the tooth."
+        f"{row.rise:.1f} times that at the others throughout {row.turns} contacts per tooth; not certain: {doubt}; "
+        "compare with an earlier record, or measure the tooth."
     )
     return replace(
         _blank(row),
-        alike=alike,
+        alike=" or ".join([*row.rivals, *([f"a loose part on {row.knock_of}"] if row.knock_of else [])]),
         verdict=INDICATED,
         evidence=evidence,
         doubts=doubt,
@@ -509,14 +470,12 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
     blank, (why, next_step, least_change) = _blank(row), _why_not_judged(row, stated)
     if why:
         return judging_nothing(blank, why, least_change, next_step)
-    alike = "uniform wear requires an earlier record"
-    if row.differing <= DIFFERING_TEETH:
-        alike = "they differ as with pitch deviations; pitting of many teeth or wear of all requires an earlier record"
     return replace(
         blank,
         verdict=NOTHING_FOUND,
         evidence=f"no tooth stands out in {row.turns} contacts per tooth; one with {row.least_rise:.2g} times the "
-        f"energy of the others in any one band would have; {alike}.",
+        "energy of the others in any one band would have; pitting of many teeth or wear of all requires an earlier "
+        "record.",
         least_change=f"indicated if at most {healthy_share_words(stated)} healthy machines showed as much (now "
         f"{healthy_share_words(row.probability)})",
     )
@@ -534,13 +493,12 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     if row.turns < FEWEST_CYCLES:
         why = f"too short: in {row.turns} revolutions only severe damage shows; at least {FEWEST_CYCLES:g} are required"
         return why, "", longer
-    if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
+    if stated < row.probability < SELDOM_SOUND:
         why = (
-            "the teeth differ in the same way throughout the record, as with pitch deviations of a sound gear or pits "
-            f"on several teeth, and the highest is {row.outlier:.1f} standard deviations above the others"
+            f"one tooth stands out more than in most healthy machines ({healthy_share_words(row.probability)} show as "
+            "much), as pits or large pitch deviations do"
         )
-        change = f"nothing found, if that were below {HIGHEST_TOOTH:g} standard deviations"
-        return why, _COMPARE, change
+        return why, _COMPARE, f"nothing found, if {healthy_share_words(SELDOM_SOUND)} healthy machines showed as much"
     if row.least_rise > GRAVE_RISE:
         why = (
             f"its teeth are too few, or differ too much, to exclude a damaged one in every band: in one of them only a "
@@ -556,7 +514,7 @@ def _blank(row: GearJudgement) -> Finding:
         kind="tooth",
         channel=row.channel,
         false_alarm_probability=math.nan if row.not_judged else max(row.probability, RAREST_STATED),
-        snr=row.outlier if math.isfinite(row.outlier) else 1e9,
+        snr=row.strength,
         strength=math.nan if row.not_judged else row.strength,
         order_found=row.order,
         amplitude=row.amplitude,
@@ -572,7 +530,7 @@ def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
             component=row.component,
             kind="gear",
             indicator="tooth_outlier",
-            value=math.nan if row.not_judged else row.outlier,
+            value=math.nan if row.not_judged else row.strength,
             unit="1",
             noise_limit=math.nan,
             takes="residual energy over {} revolutions, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),

@@ -83,7 +83,12 @@ class Baseline:
 
 
 def read_baseline(
-    previous: Analysis | None, settings: AnalysisSettings, *, units: Mapping[str, str], of: Mapping[str, str]
+    previous: Analysis | None,
+    settings: AnalysisSettings,
+    *,
+    units: Mapping[str, str],
+    of: Mapping[str, str],
+    recorded_at: str = "",
 ) -> Baseline:
     """Return the histories in the analysis of the previous record, or empty ones.
 
@@ -97,12 +102,14 @@ def read_baseline(
         Units of the channels of the record to analyse, in which the histories must be.
     of : mapping of str to str
         Name of its ``gearbox`` and ``machine``, which the histories must be of, empty where unknown.
+    recorded_at : str
+        Time of the record, which must not be that of the histories; empty where unknown.
 
     Raises
     ------
     AnalysisError
-        If `previous` is not an analysis, of another gearbox or machine or in other units, or there is no baseline to
-        freeze.
+        If `previous` is not an analysis, of another gearbox or machine, in other units or of the record itself, or
+        there is no baseline to freeze.
     """
     limit = settings.baseline_limit_std
     if previous is None:
@@ -116,6 +123,8 @@ def read_baseline(
     for name, now in of.items():
         if (was := str(previous.attrs[name])) and now and was != now:
             raise AnalysisError(f'baseline: it is of {name} "{was}", the record of "{now}"; give one of this machine.')
+    if recorded_at and previous.attrs["recorded_at"] == recorded_at:
+        raise AnalysisError(f"baseline: it is of the record itself, of {recorded_at}; give that of an earlier record.")
     channels = json.loads(previous.attrs["channels_json"])
     for channel in channels:
         now = units.get(channel["name"], channel["units"])

@@ -215,7 +215,9 @@ def _analysed(
     usable = {name: one for name, one in there.channels.items() if one.segments}
     units = {name: one.segments[0].units for name, one in usable.items()}
     of = {"gearbox": there.machine.kinematics.gearbox.name, "machine": str(record.attrs.get("machine", ""))}
-    histories = read_baseline(baseline, settings, units=units, of=of)
+    histories = read_baseline(
+        baseline, settings, units=units, of=of, recorded_at=str(record.attrs.get("recorded_at", ""))
+    )
     expected = expected_lines(there.machine.kinematics, _plan(there.machine, settings))
     channels: list[AnalysedChannel] = []
     for number, (name, channel) in enumerate(usable.items(), start=1):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
-SCHEMA = "hums-analysis/5"
+SCHEMA = "hums-analysis/6"
 _FACTS = ("machine", "regime", "site", "analyst", "recorded_at")  # that an analysis states as its record does
 _version = cache(version)  # which reads the package's files
 _NUMBERS = (float, "float")  # types of a field that is a number, as annotated

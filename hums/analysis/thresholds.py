@@ -116,23 +116,6 @@ Bearings need less. Of 960 damaged machines, at a hundredth in all, equal shares
 thirds 266 and 347, three quarters 263 and 348. Halved, 26 of these teeth are not named; doubled is more than there is.
 """
 
-DIFFERING_TEETH = 0.01
-"""Probability that turns at random are as alike, from which the teeth of a gear differ.
-
-Pits on several teeth repeat with the turn, and pitch deviations do. It is the least that the first rotations of the
-permutation test can give: halved, no gear that has been tested with these alone counts as one whose teeth differ, and
-20 of 110 faulty gears of any detectability are called sound in place of 19; doubled, nothing changes.
-"""
-
-HIGHEST_TOOTH = 5.0
-"""Standard deviations of the other teeth above them, from which on the highest of teeth that differ may be a pit.
-
-Energies of sound teeth are exponential, the highest of a hundred 4.0 of them above the mean of all at the median. Of
-2,064 gears of healthy machines, all with pitch deviations, 290 are not judged for this; of 472 faulty ones of 20 dB or
-more 323 are named, 85 not judged and 64 called sound. Halved, 1,042, and 99 and 50 of the faulty; doubled, 20, 69 and
-80.
-"""
-
 GRAVE_RISE = 6.0
 """Ratio of a tooth's energy to that of the others in any one band, that must stand out for its gear to count as sound.
 

@@ -32,7 +32,7 @@ from hums.analysis.findings import (
     doubted,
     judging_nothing,
 )
-from hums.analysis.gear_damage import GearJudgement, gear_verdicts, healthy_probability
+from hums.analysis.gear_damage import GearJudgement, gear_verdicts
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines, read_library
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, Unmeasured, group, rows_dataset, rows_of
@@ -168,9 +168,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     parts, gears = rows_of(evidence, PartEvidence), rows_of(judged_gears, GearJudgement)
     tests, teeth = len({(row.channel, row.order) for row in gears}), _library(judged_gears)
     gears = [
-        replace(row, probability=healthy_probability(row.strength, row.repeats, teeth, tests=tests))
-        if not row.not_judged
-        else row
+        replace(row, probability=teeth.probability(row.strength, parts=tests)) if not row.not_judged else row
         for row in gears
     ]
     unmeasured = rows_of(groups[f"/{UNMEASURED}"], Unmeasured)

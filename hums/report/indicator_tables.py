@@ -24,7 +24,7 @@ _OURS = {
         "a spall on that race or rolling element; coinciding lines of other components",
     ),
     "tooth_outlier": (
-        "Energy of the most energetic tooth above the mean of the others, in their standard deviations",
+        "How far a tooth stands out from the others in all bands together, in their standard deviations",
         "one damaged tooth; a single pitch deviation",
     ),
 }

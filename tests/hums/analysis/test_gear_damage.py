@@ -10,7 +10,7 @@ from data_synth import Scene, simulate
 from hums import AnalysisSettings, PulseTimes, load_gearbox, make_record
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_verdicts
 from hums.analysis.segments import segmented
-from hums.analysis.thresholds import GRAVE_RISE, HIGHEST_TOOTH
+from hums.analysis.thresholds import GRAVE_RISE, SELDOM_SOUND
 
 RATE_HZ = 12000
 RINGING = {"resonance": {"frequency_hz": 3500, "damping_ratio": 0.05}, "rate_hz": RATE_HZ, "fidelity": "kinematic"}
@@ -65,7 +65,7 @@ def test_the_cracked_gear_of_a_planetary_stage_is_the_only_one_named(component):
 
 @pytest.mark.parametrize("component", ["stage 1/intermediate", "stage 2/output"])
 def test_the_cracked_gear_on_a_fixed_axis_is_the_only_one_named(component):
-    (found,) = named(judged(TWO_STAGE | crack(component, 1.0)))
+    (found,) = named(judged(TWO_STAGE | crack(component, 1.5)))
     assert component in (found.component, *found.also)
 
 
@@ -73,7 +73,9 @@ def test_gears_on_one_shaft_are_not_told_apart():
     (found,) = named(judged(TWO_STAGE | crack("stage 2/intermediate", 1.0)))
     assert {found.component, *found.also} == {"stage 1/intermediate", "stage 2/intermediate"}
     finding = gear_verdicts([found], false_alarm_probability=0.01)[0]
-    assert {finding.component, finding.alike} == {"stage 1/intermediate", "stage 2/intermediate"}
+    # no mesh is modulated, as by a knock of the shaft
+    alike = {"stage 1/intermediate", "stage 2/intermediate", "a loose part on intermediate"}
+    assert {finding.component, *finding.alike.split(" or ")} == alike
 
 
 @pytest.mark.parametrize(("own", "other"), [(0, 1), (1, 0)])
@@ -136,11 +138,8 @@ def test_few_turns_name_a_tooth_that_stands_out_and_call_none_sound():
     assert named.verdict == "indicated"
 
 
-@pytest.mark.parametrize(
-    ("differing", "outlier", "verdict"),
-    [(0.01, 5.1, "not judged"), (0.01, 4.9, "nothing found"), (0.02, 5.1, "nothing found")],
-)
-def test_the_highest_of_teeth_that_differ_may_be_pitted(differing, outlier, verdict):
+@pytest.mark.parametrize(("share", "verdict"), [(0.99, "not judged"), (1.01, "nothing found")])
+def test_a_tooth_that_stands_out_more_than_in_most_healthy_machines_is_not_called_sound(share, verdict):
     row = GearJudgement(
         channel="a",
         units="g",
@@ -148,13 +147,11 @@ def test_the_highest_of_teeth_that_differ_may_be_pitted(differing, outlier, verd
         order=1.0,
         teeth=20,
         turns=100,
-        differing=differing,
-        outlier=outlier,
+        probability=share * SELDOM_SOUND,
     )
     (one,) = gear_verdicts([row], false_alarm_probability=0.01)
     assert one.verdict == verdict
-    assert ("pits on several teeth" in one.doubts) == (verdict == "not judged")
-    assert ("pitting of many teeth" in one.evidence) == (differing == 0.01 and verdict == "nothing found")
+    assert ("as pits or large pitch deviations do" in one.doubts) == (verdict == "not judged")
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(1.01, "not judged"), (0.99, "nothing found")])
@@ -171,14 +168,6 @@ def test_a_gear_of_which_only_a_gravely_damaged_tooth_would_stand_out_is_not_cal
     (one,) = gear_verdicts([row], false_alarm_probability=0.01)
     assert one.verdict == verdict
     assert ("are too few" in one.doubts) == (verdict == "not judged")
-
-
-def test_sound_teeth_seldom_have_one_five_deviations_above_the_others():
-    # of a hundred exponential energies the largest is expected at the sum of 1 / k, 5.2 means
-    energies = np.sort(np.random.default_rng(5).exponential(size=(20_000, 100)), axis=1)
-    others = energies[:, :-1]
-    outlier = (energies[:, -1] - others.mean(axis=1)) / others.std(axis=1, ddof=1)
-    assert 0.1 < np.mean(outlier > HIGHEST_TOOTH) < 0.4
 
 
 def test_a_pitted_gear_is_not_called_sound():

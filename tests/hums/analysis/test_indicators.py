@@ -166,6 +166,12 @@ class TestBaseline:
         with pytest.raises(AnalysisError, match=f'it is of gearbox "{gearbox.name}", the record of "another"'):
             analyze(record_of(values), another, settings=BARE, baseline=first)
 
+    def test_a_record_as_its_own_baseline(self, gearbox, values):
+        record = record_of(values).assign_attrs(recorded_at="2026-11-30T20:00:00Z")
+        own = analyze(record, gearbox, settings=BARE)
+        with pytest.raises(AnalysisError, match="it is of the record itself, of 2026-11-30T20:00:00Z"):
+            analyze(record, gearbox, settings=BARE, baseline=own)
+
 
 def test_defect_energy_of_a_known_envelope(gearbox):
     # the envelope of A (1 + m cos) has a line of m A: half its square, at the inner race

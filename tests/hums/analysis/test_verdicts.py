@@ -219,18 +219,18 @@ def test_a_verdict_turns_where_it_says(opened):
     assert with_evidence(opened, depth=1.01e-2 * shallow).verdict == "diagnosed"
     assert with_evidence(opened, depth=0.99e-2 * shallow).verdict == "indicated"
     assert "diagnosed at a modulation of 10% or more" in with_evidence(opened, depth=0.095).least_change
-    weak = with_evidence(opened, score=0.8 * least, unsure_depth=0.04, possible_depth=0.0001)
+    weak = with_evidence(opened, score=0.8 * least, largest_strength=0.04, possible_depth=0.0001)
     needed = number(weak.least_change, "indicated at a score of ")
     assert with_evidence(opened, score=1.01 * needed).verdict in {"diagnosed", "indicated"}
-    assert with_evidence(opened, score=0.1, unsure_depth=0.04).verdict == "nothing found"
-    none = {"score": -math.inf, "strength": 0.0, "unsure_depth": 0.0}
+    assert with_evidence(opened, score=0.1, largest_strength=0.04).verdict == "nothing found"
+    none = {"score": -math.inf, "strength": 0.0, "largest_strength": 0.0}
     silent = with_evidence(opened, **none)
     now = parts[RACE].possible_depth * number(silent.least_change, "judged up to ")
     assert with_evidence(opened, **none, possible_depth=1.05 * now).verdict == "not judged"
     assert with_evidence(opened, **none, possible_depth=0.95 * now).verdict == "nothing found"
     assert with_evidence(opened, hidden_by="something").verdict == "not judged"
     # what noise makes too often, and damage, too, is no absence
-    assert with_evidence(opened, **none | {"unsure_depth": 0.2}).verdict == "not judged"
+    assert with_evidence(opened, **none | {"largest_strength": 0.2}).verdict == "not judged"
 
 
 def test_an_analysis_without_its_evidence_derives_nothing(opened):
