@@ -70,7 +70,7 @@ ONE_DOOR = {
 # of today, and what is to be reached. Ceilings only fall: `python benchmarks/code_size.py --lower` brings them down.
 BUDGETS = """
     signals (root)                                              560    486    400
-    signals/angle                                              1111   1053    900
+    signals/angle                                              1111    828    900
     signals/demodulation                                        905    726    750
     signals/harmonics, signals/slipping_order                  4012   2657   2500
     signals/health, signals/indicators                          955    836    800
@@ -93,9 +93,9 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2485   2200
     data_synth/sources, data_synth/transfer                    1545   1219   1200
-    all code lines                                            48791  39311  33500
-    all modules                                                 345    276    240
-    all constants                                              1492    917    750
+    all code lines                                            48791  39064  33500
+    all modules                                                 345    275    240
+    all constants                                              1492    912    750
     tests                                                     35938  26555  23000
     benchmarks                                                 7891   7891   6000
 """

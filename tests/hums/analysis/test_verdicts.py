@@ -178,26 +178,29 @@ def test_probabilities_follow_from_scores_and_library_in_the_file(opened):
 
 def test_a_tooth_follows_from_its_strength_and_turns_at_the_stated_probability(opened):
     rows = rows_of(group(opened, "gears"), GearJudgement)
-    library = json.loads(group(opened, "gears").attrs["library_json"])
-    tests = len({row.order for row in rows})
-    told = by_part(derive_verdicts(opened))
-    for row in rows:
-        above = np.count_nonzero(np.array(library["strengths"]) > row.strength) if row.strength else library["parts"]
-        low = 1 - (1 - (above + 1) / (library["parts"] + 1)) ** tests
-        said = told[row.component, "tooth"].false_alarm_probability
-        assert said >= min(1.0, tests * row.repeats, low) * (1 - 1e-9)
-        assert said == pytest.approx(row.probability, rel=1e-12)
+    attrs = group(opened, "gears").attrs
+    library = json.loads(attrs["library_json"])
+    known, n = np.array(library["strengths"]), library["parts"]
+    tests, share = len({row.order for row in rows}), 0.01 * 2 / 3  # that of gears
 
-    def turned(strength, repeats):
-        tree, attrs = opened.copy(), group(opened, "gears").attrs
-        changed = [replace(rows[0], strength=strength, repeats=repeats, explained_by=""), *rows[1:]]
+    def told(strength):
+        tree = opened.copy()
+        changed = [replace(rows[0], strength=float(strength), explained_by=""), *rows[1:]]
         tree["gears"] = xr.DataTree(rows_dataset(changed, GearJudgement, dim="gear").assign_attrs(attrs))
         return by_part(derive_verdicts(tree))[rows[0].component, "tooth"]
 
-    strong, share = 2 * max(library["strengths"]), 0.01 * 2 / 3  # that of gears
-    if 1 / (library["records"] + 1) <= share:  # else no strength is rare enough in so small a library
-        assert turned(strong, 0.99 * share / tests).verdict == "indicated"
-    clear = turned(strong, 1.01 * share / tests)
+    for row in rows:
+        if row.strength > known[-1]:
+            above = np.count_nonzero(known > row.strength)
+            low, high = (1 - (1 - (above + extra) / (n + 1)) ** tests for extra in (1, 2))
+            assert low * (1 - 1e-9) <= row.probability <= high * (1 + 1e-9)
+        said = by_part(derive_verdicts(opened))[row.component, "tooth"].false_alarm_probability
+        assert said == pytest.approx(max(row.probability, 1 / 2000), rel=1e-12)
+    assert told(2 * known[0]).verdict == "indicated"
+    between = told(known[60])
+    assert share < between.false_alarm_probability < 0.05
+    assert between.verdict == "not judged"
+    clear = told(0.5 * known[-1])
     assert clear.verdict == "nothing found"
     assert number(clear.least_change, "indicated if at most 1 in ") == pytest.approx(1 / share, rel=0.01)
 
