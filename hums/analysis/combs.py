@@ -16,8 +16,9 @@ modulation: damage modulates deeper than what is imperfect on a sound bearing,
 
     S = E_part - max(0, E_rival) - |found / order - 1| / 0.5 % + 2 log(strength / 1 %).                            (2)
 
-A rival is a shaft, the mains, another part, or a fundamental that the drawing does not know, alone or modulated by a
-shaft; that one costs the logarithm of the number of orders at which it might stand.
+The strength counts as 1 % where it is less. A rival is a shaft, the mains, another part, or a fundamental that the
+drawing does not know, alone or modulated by a shaft; that one costs the logarithm of the number of orders at which it
+might stand.
 """
 
 import math

@@ -9,7 +9,7 @@ but the impacts.
 The *strength* of a line is the root sum of squares of the depths of the fundamental and its second and third harmonic,
 each counted at most as the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for noise in a short
 record. Whose line it is says the *score* (`hums.analysis.combs`). The score of a part is that of its best band, its
-line that of the deepest in which its score is above 0.
+line that of the strongest in which its score is above 0.
 
 A line is *detected* if the probability that noise alone exceeds it, at any line of the record that can raise a finding,
 is below the false-alarm probability of the settings. A detected line is *significant* (column ``claimed``) unless

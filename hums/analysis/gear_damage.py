@@ -86,7 +86,7 @@ class GearJudgement:
         Shaft whose knock once per revolution looks the same, since no mesh is modulated; empty if one is, or if the
         tooth contacts do not repeat at the rate of a shaft.
     explained_by : str
-        Gear whose damaged tooth explains what this gear shows; empty if there is none.
+        Gears whose damaged teeth explain what this gear shows, joined by "or"; empty if there are none.
     not_judged : str
         Reason; empty if judged.
     unmeasured_angle : int
@@ -350,14 +350,14 @@ class _Judge:
             gear = gears[row.component]
             again = self.of(row, gear, keep) if named else row
             if again.probability > self.threshold or again.not_judged:
-                others.append(replace(row, explained_by=named[0].component))
+                others.append(replace(row, explained_by=" or ".join(one.component for one in named)))
                 continue
             also = tuple(
                 one.component
                 for one in judged
                 if one.component != row.component and math.isclose(one.order, row.order, rel_tol=1e-9)
             )
-            named.append(self._by_its_mesh(replace(row, also=also), gears))
+            named.append(self._by_its_mesh(replace(again, also=also), gears))
             if named[-1].component != row.component:
                 others.append(replace(row, explained_by=named[-1].component))
             keep &= ~self._at_tooth(row, gear)
@@ -450,8 +450,8 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         step += f" and the parts mounted on {row.knock_of}"
     evidence = (
         f"between the mesh harmonics, from {low:.4g} to {high:.4g} orders, the energy at one tooth is "
-        f"{row.rise:.1f} times that at the others throughout {row.turns} contacts per tooth; not certain: {doubt}; "
-        "compare with an earlier record, or measure the tooth."
+        f"at least {row.rise:.1f} times that at the others throughout {row.turns} contacts per tooth; not certain: "
+        f"{doubt}; compare with an earlier record, or measure the tooth."
     )
     return replace(
         _blank(row),

@@ -115,9 +115,11 @@ def healthy_share_words(probability: float) -> str:
     Examples
     --------
     >>> from hums.analysis.healthy_machines import healthy_share_words
-    >>> healthy_share_words(0.004), healthy_share_words(1e-9)
-    ('1 in 250', 'fewer than 1 in 2,000')
+    >>> healthy_share_words(0.004), healthy_share_words(1e-9), healthy_share_words(0.7)
+    ('1 in 250', 'fewer than 1 in 2,000', 'more than half of')
     """
+    if probability > 0.5:  # noqa: PLR2004  (half)
+        return "more than half of"
     share = f"1 in {1 / max(probability, RAREST_STATED):,.0f}"
     return share if probability > RAREST_STATED else f"fewer than {share}"
 

@@ -69,7 +69,7 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
     """Return the report's answer in a few sentences, each with its class."""
     said = []
     for verdict, words in ((DIAGNOSED, "Damaged"), (INDICATED, "Possibly damaged")):
-        parts = [f"{part_words(row)} ({_kind(row)})" for row in facts["findings"] if row["verdict"] == verdict]
+        parts = [f"{_kind(row)} of {part_words(row)}" for row in facts["findings"] if row["verdict"] == verdict]
         if parts:
             said.append((CLASSES[verdict], f"{words}: {', '.join(parts)}."))
     every = facts.get("verdicts", ())
@@ -199,7 +199,7 @@ def _sure(finding: Mapping[str, Any]) -> str:
     if value is None:
         return ""
     words, of = (probability_words, "gears") if finding.get("strength") is None else (healthy_share_words, "machines")
-    return f"{words(value)} records of healthy {of} show as much"
+    return f"{words(value)} records of simulated healthy {of} show as much"
 
 
 def _line_words(finding: Mapping[str, Any], facts: Facts) -> str:
@@ -219,8 +219,8 @@ def _severity(finding: Mapping[str, Any]) -> str:
         said = [f"{word}: impacts modulate the band by {depth:.1%} ({scale})"]
     elif finding["kind"] == "tooth":
         return (
-            "no scale: the response to a damaged tooth depends on load and transfer path; use its trend; "
-            f"{finding['snr']:.3g} standard deviations above the other teeth"
+            "no scale: the response to a damaged tooth depends on load and transfer path; use its trend; it stands out "
+            f"from the other teeth with a strength of {finding['snr']:.3g}"
         )
     else:
         said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]

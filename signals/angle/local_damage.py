@@ -23,7 +23,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import fft
+from scipy import fft, special
 
 from signals._validation import Array, positive
 
@@ -38,6 +38,7 @@ FEWEST_TURNS = 4
 """Fewest gear revolutions from whose scatter a standard error can be estimated."""
 
 _WIDTHS = (1, 2)  # cells
+_NINE_IN_10 = 1.28  # standard deviations by which a normal variable is below its mean in one of ten cases
 _LEAST_SPREAD = 0.01  # of the logarithm: no two teeth are more alike
 
 
@@ -196,10 +197,11 @@ class LocalDamage:
     strength : float
         Root sum of squares, over bands, of the excess of the logarithm of the energy in units of its scatter.
     rise : float
-        Ratio of the energy at the tooth to that at the other places, in the band in which it stands out most; that of a
-        few revolutions alone is underestimated, since the logarithm limits it.
+        Ratio of the energy at the tooth to that at the other places, at least, in the band in which it stands out most:
+        the mean logarithm of energies that scatter is below that of their mean.
     least_rise : float
-        Rise in one band alone, in whichever shows it least, at which the strength would reach that stated.
+        Ratio in one band alone, in whichever shows it least, at which nine in ten records would reach the strength that
+        is stated.
     position_rev, width_rev : float
         Middle of the peak, from 0 to 1 revolution of the gear, and its width.
     band : int
@@ -272,8 +274,8 @@ def _at_peak(energies: FoldedEnergies, width: int, peak: int, stated: float) -> 
     band = int(ratios.argmax())
     return LocalDamage(
         strength=float(np.linalg.norm(ratios)),
-        rise=_rise(excess[band]),
-        least_rise=_rise(stated * spread.max()),
+        rise=float(2 * np.exp(excess[band]) - 1),
+        least_rise=_least_rise((stated + _NINE_IN_10) * float(np.maximum(spread, errors.max(axis=1)).max())),
         position_rev=((peak + width / 2) / cells) % 1.0,
         width_rev=width / cells,
         band=band,
@@ -281,9 +283,14 @@ def _at_peak(energies: FoldedEnergies, width: int, peak: int, stated: float) -> 
     )
 
 
-def _rise(excess: float) -> float:
-    """Return the ratio of an energy to the mean from how much the logarithm of one plus it exceeds that of the mean."""
-    return float(2 * np.exp(excess) - 1)
+def _least_rise(excess: float) -> float:
+    """Return the ratio of energies at which the mean of ``log(1 + r e)`` exceeds that at 1, for e of noise.
+
+    With an exponential e it is ``exp(1 / r) E1(1 / r)``; averages over a cell scatter less and exceed it.
+    """
+    rises = np.geomspace(1.0, 1e6, 200)
+    means = np.exp(1 / rises) * special.exp1(1 / rises)
+    return float(np.exp(np.interp(excess, means - means[0], np.log(rises), right=math.inf)))
 
 
 def _other_places(energies: FoldedEnergies, width: int, peak: int) -> NDArray[np.bool_]:

@@ -47,9 +47,12 @@ def facts(*findings, lines=(LINE,), recorded_at="2026-01-02", status="ok"):
 
 
 def test_the_probability_of_a_finding_is_said():
-    assert verdict_rows(facts(finding("diagnosed")))[0]["sure"] == "1 in 250 records of healthy gears show as much"
+    assert (
+        verdict_rows(facts(finding("diagnosed")))[0]["sure"]
+        == "1 in 250 records of simulated healthy gears show as much"
+    )
     rare = verdict_rows(facts(finding("diagnosed", strength=0.8, false_alarm_probability=0.0005)))[0]["sure"]
-    assert rare == "fewer than 1 in 2,000 records of healthy machines show as much"
+    assert rare == "fewer than 1 in 2,000 records of simulated healthy machines show as much"
 
 
 @pytest.mark.parametrize(
@@ -144,8 +147,8 @@ def test_the_answer_says_each_part_once():
     rest = [{"verdict": "nothing found"}, {"verdict": "not judged"}, {"verdict": "not judged"}]
     every = facts(finding("diagnosed"), finding("indicated", component="gear", kind="tooth")) | {"verdicts": rest}
     assert answer(every) == [
-        ("alarm", "Damaged: bearing (inner race)."),
-        ("watch", "Possibly damaged: gear (tooth)."),
+        ("alarm", "Damaged: inner race of bearing."),
+        ("watch", "Possibly damaged: tooth of gear."),
         ("calm", "Nothing found in the other check."),
         ("unknown", "2 checks could not be made."),
     ]
