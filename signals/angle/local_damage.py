@@ -202,8 +202,8 @@ class LocalDamage:
     least_rise : float
         Ratio in one band alone, in whichever shows it least, at which nine in ten records would reach the strength that
         is stated.
-    position_rev, width_rev : float
-        Middle of the peak, from 0 to 1 revolution of the gear, and its width.
+    position_rev : float
+        Middle of the peak, from 0 to 1 revolution of the gear.
     band : int
         Index of the band in which the peak stands out most.
     turns : int
@@ -214,7 +214,6 @@ class LocalDamage:
     rise: float
     least_rise: float
     position_rev: float
-    width_rev: float
     band: int
     turns: int
 
@@ -277,7 +276,6 @@ def _at_peak(energies: FoldedEnergies, width: int, peak: int, stated: float) -> 
         rise=float(2 * np.exp(excess[band]) - 1),
         least_rise=_least_rise((stated + _NINE_IN_10) * float(np.maximum(spread, errors.max(axis=1)).max())),
         position_rev=((peak + width / 2) / cells) % 1.0,
-        width_rev=width / cells,
         band=band,
         turns=energies.turns,
     )
@@ -302,8 +300,7 @@ def _other_places(energies: FoldedEnergies, width: int, peak: int) -> NDArray[np
     away = distance > max(pitch, width, min(round(2.5 * pitch), cells // 6))
     for contact in range(1, energies.contacts):
         away &= np.roll(distance, round(contact * cells / energies.contacts)) > max(pitch, width)
-    fewest_others = 3  # cells from which a scatter can be estimated
-    return away if np.count_nonzero(away) >= fewest_others else np.ones(cells, dtype=bool)
+    return away if np.count_nonzero(away) > 2 else np.ones(cells, dtype=bool)  # noqa: PLR2004  (a scatter needs three)
 
 
 def _smoothed(values: Array, width: int) -> Array:

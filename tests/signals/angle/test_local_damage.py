@@ -70,7 +70,6 @@ def test_one_damaged_tooth_is_found_where_it_is(tooth):
     assert found.strength > 8
     assert found.band == 1
     assert abs((found.position_rev * TEETH - tooth - 0.5 + TEETH / 2) % TEETH - TEETH / 2) < 0.6
-    assert found.width_rev <= 2 / TEETH
     assert 4 < found.rise < 8  # the floor of the logarithm and the projection lower it
 
 
