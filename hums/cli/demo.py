@@ -38,7 +38,7 @@ def demo(
     echo("True and estimated peak amplitudes in g:")
     columns = ["component", "kind", "order", "true_amplitude", "amplitude", "std", "normalised_rms"]
     echo(result.tracks[columns].to_string(index=False, float_format="{:.4f}".format))
-    echo(f"\nRMS of the quadrature errors over their std: {result.normalised_rms:.3f} (expected: 1)\n")
+    echo(f"\nThe errors are {result.normalised_rms:.2f} times as large as their stated uncertainty, std.\n")
     echo("Faults of the scene and their verdicts:")
     echo(result.faults.to_string(index=False))
     echo("\nFindings:")
