@@ -601,7 +601,7 @@ def _assessed_envelopes(
     seen: list[BandEvidence] = []
 
     def searched(
-        band: tuple[float, float], wanted: Iterable[ExpectedLine]
+        band: tuple[float, float], wanted: Iterable[ExpectedLine], seen: float
     ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
         level, spectrum = found[band]
         return search(
@@ -612,12 +612,12 @@ def _assessed_envelopes(
             level=level,
             searches=searches,
             background_width=width,
-            seen=settings.false_alarm_probability,
+            seen=seen,
         )
 
     for band in envelopes.bands:
         level, spectrum = found[band] = envelopes.spectrum(band)
-        lines, _ = searched(band, (line for line in expected if line.kind in BEARING_KINDS))
+        lines, _ = searched(band, (line for line in expected if line.kind in BEARING_KINDS), 0.0)
         peaks = spectral_peaks(spectrum, ratio=PEAK_RATIO)
         heard = slice(None) if level > 0 else slice(0)  # an envelope of zeros has no depths
         seen.append(
@@ -640,7 +640,7 @@ def _assessed_envelopes(
     band = envelopes.bands[0]
     if strongest is not None and strongest.strength > 0:
         band = (strongest.band_low_hz, strongest.band_high_hz)
-    lines, out_of_range = searched(band, expected)
+    lines, out_of_range = searched(band, expected, settings.false_alarm_probability)
     level, spectrum = found[band]
     chosen = EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple))
     best = _Envelope(
