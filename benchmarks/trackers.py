@@ -38,10 +38,10 @@ s), ratio of medians, without compilation. `std` is computed on request, here ne
 all orders, in Hz (J3: in orders). Memory: growth of the process. Records: J1, ten orders of a shaft that runs up from
 10 to 40 Hz in 20 s; J2, orders 20 and 20.2 of it, crossed by a line at 300 Hz; J3, the ten orders at 512 samples per
 revolution, a million samples each; J4, orders 10, 10.1 and 10.25 of a shaft at 10 Hz, 12,000 samples in 12 s; in noise
-of variance 1 (`jobs.py`). With the noise variance given, the smoothers of the first three targets take 0.84 to 0.97
-times, the filter with steady-state gains 0.99 and 1.02 times as long as in a135c42; without, the density of the noise
-on both sides of each order, which that did not estimate, adds up to one rfft (`python benchmarks/tracking/against.py
-TREE`, TREE a working tree of a135c42)."""
+of variance 1 (`jobs.py`). With the noise variance given, the smoothers of the first three targets take 0.98, 0.92 and
+0.79 times as long as in a135c42, the filters with steady-state gains 1.2 and 1.6 times, the exact one 2.3 times, which
+filtered samples in pairs; without, the density of the noise on both sides of each order, which that did not estimate,
+adds up to one rfft (`python benchmarks/tracking/against.py TREE 7`, TREE a working tree of a135c42)."""
 
 CHANNELS = """\
 Records of one channel and of {channels} with common phases; outputs every 200 samples, in rffts of one channel."""
