@@ -601,7 +601,7 @@ def _assessed_envelopes(
     seen: list[BandEvidence] = []
 
     def searched(
-        band: tuple[float, float], wanted: Iterable[ExpectedLine], seen: float
+        band: tuple[float, float], wanted: Iterable[ExpectedLine], leaking: float
     ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
         level, spectrum = found[band]
         return search(
@@ -612,11 +612,12 @@ def _assessed_envelopes(
             level=level,
             searches=searches,
             background_width=width,
-            seen=seen,
+            seen=leaking,
         )
 
     for band in envelopes.bands:
         level, spectrum = found[band] = envelopes.spectrum(band)
+        # the leakage of these lines is not read
         lines, _ = searched(band, (line for line in expected if line.kind in BEARING_KINDS), 0.0)
         peaks = spectral_peaks(spectrum, ratio=PEAK_RATIO)
         heard = slice(None) if level > 0 else slice(0)  # an envelope of zeros has no depths

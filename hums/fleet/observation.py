@@ -1,4 +1,4 @@
-"""What monitoring is told of machines: their records, its settings, and maintenance."""
+"""Inputs of monitoring: observations of machines, settings, and maintenance."""
 
 import csv
 import math

@@ -251,7 +251,7 @@ def explanations(series: Keys, change: NDArray[np.float64]) -> tuple[dict[str, f
 
 @lru_cache(maxsize=256)
 def _patterns(series: Keys) -> tuple[list[str], list[str], tuple[Any, Any, Any]]:
-    """Return the part of each kind of damage, the channels, and what `evidence` is told of them.
+    """Return the part of each kind of damage, the channels, and the arguments of `evidence` for them.
 
     Impacts once per revolution of a shaft are those of its gears. Related are the gears and the mesh of a stage, what
     is on one shaft, all indicators of a part, and those of the whole signal.

@@ -164,7 +164,7 @@ def _cells(teeth: float, per_turn: float) -> int:
 def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integer]) -> Array:
     """Return the mean of ``log(1 + energy)`` by block and cell, each revolution relative to its mean energy."""
     total = sums.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    there = (seen > 0) & (total > 1e-6 * np.median(total))[:, None]  # a revolution with less energy is a drop-out
+    there = (seen > 0) & (total > 1e-6 * np.median(total))[:, None]  # drop-outs have less energy
     relative = np.divide(sums, seen * total[:, None], out=np.zeros_like(sums), where=there)
     count = np.add.reduceat(there.astype(float), edges, axis=0)
     means = np.add.reduceat(np.log1p(relative), edges, axis=0) / np.maximum(count, 1)
