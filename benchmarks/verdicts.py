@@ -265,10 +265,10 @@ def planetary_scene(teeth: tuple[int, int, int]) -> dict[str, Any]:
 SIZE_KEYS = {"tooth_crack": "depth_mm"}
 
 
-def held_out_rows(count: int, *, jobs: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def held_out_rows(count: int, *, jobs: int, first: int = 0) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return how many healthy records of held-out machines are named, in all, and by drive and imperfection."""
     strata: dict[str, list[dict[str, Any]]] = {}
-    for one in healthy_library.every(range(count), held_out=True, jobs=jobs):
+    for one in healthy_library.every(range(first, first + count), held_out=True, jobs=jobs):
         for name in ("all", f"drive: {one['drive']}", *(f"with {what}" for what in one["imperfections"])):
             strata.setdefault(name, []).append(one)
     rows = [
@@ -489,7 +489,7 @@ def sections(given: argparse.Namespace) -> Iterator[tuple[str, list[dict[str, An
     """Yield the title, empty where it goes on, and the rows of each table that was asked for."""
     wanted = (given.only,) if given.only else SECTIONS if given.data is not None else SECTIONS[:3]
     if "healthy" in wanted:
-        whole, strata = held_out_rows(given.held_out, jobs=given.jobs)
+        whole, strata = held_out_rows(given.held_out, jobs=given.jobs, first=given.first)
         yield "Healthy held-out machines", whole
         yield "", strata
     if "faulty" in wanted:
