@@ -275,25 +275,37 @@ class _Comb:
     def unseen(self, spectra: Sequence[_Peaks], machine: Machine, spread: float) -> tuple[str, tuple[str, ...]]:
         """Return the meshes of which no spectrum shows a line, in words, and the parts on shafts known by them alone.
 
-        Meshes of several planets may vanish at the sensor and are left out.
+        Where planets pass the sensor, the lines of their mesh are multiples of the passes next to its harmonics, which
+        may vanish themselves (McFadden and Smith 1985). Several planets on a carrier at rest are left out.
         """
+        rows, turns = machine.defect_orders, np.arange(1.0, 1 + len(_MESH))
 
-        def shown(order: float, shares: Sequence[float]) -> float:
-            lines = order * np.arange(1.0, len(shares) + 1)
+        def shown(lines: Numbers, shares: Sequence[float]) -> float:
             return max(
                 float(peaks.log_evidence(lines, peaks.half(lines, spread), np.array(shares) * (lines < peaks.end)))
-                if _FEWEST_BINS * peaks.bin_width <= order < peaks.end
+                if _FEWEST_BINS * peaks.bin_width <= lines[0] < peaks.end
                 else math.inf  # it is not known
                 for peaks in spectra
             )
 
-        rows = machine.defect_orders
-        meshes = {row.component: row.order for row in rows if row.kind == "gear_mesh" and row.sources == 1}
-        missing = {name: order for name, order in meshes.items() if shown(order, _MESH) < 0}
-        known = [1 / machine.ratio, *(order for order in self.shafts if shown(order, _SHAFT) >= CONFIRMED)]
+        carriers = {row.component: row.order for row in rows if row.kind == "shaft"}
+        missing: dict[str, float] = {}
         turning = {row.component: [row.order] for row in rows if row.kind == "tooth"}
+        unknown = []
+        for row in (row for row in rows if row.kind == "gear_mesh"):
+            lines, carrier = row.order * turns, carriers.get(row.seen_from, 0.0)
+            families, passes = [lines], row.sources * carrier
+            if row.sources > 1 and not carrier:
+                continue
+            if row.sources > 1:
+                families += [passes * np.floor(lines / passes + 1e-6), passes * np.ceil(lines / passes - 1e-6)]
+            if max(shown(one, _MESH) for one in families) < 0:
+                missing[row.component] = row.order
+                unknown += [carrier] * bool(carrier)
         on_them = {name: orders for name, orders in turning.items() if name.rpartition("/")[0] in missing}
-        unknown = [order for (order,) in on_them.values() if not np.isclose(order, known).any()]
+        seen = [order for order in self.shafts if CONFIRMED <= shown(order * turns, _SHAFT) < math.inf]
+        unknown += [order for (order,) in on_them.values()]
+        unknown = [order for order in unknown if not np.isclose(order, [1 / machine.ratio, *seen]).any()]
         turning |= {one.name: [abs(one.inner_ring), abs(one.outer_ring)] for one in machine.bearings}
         unsure = {name for name, orders in turning.items() if any(np.isclose(one, unknown).any() for one in orders)}
         names = ", ".join(f'"{name}" ({order:.5g} orders)' for name, order in missing.items())

@@ -123,3 +123,37 @@ def test_a_wrong_number_of_teeth_leaves_the_parts_behind_it_unjudged():
     verdicts = hums.verdict_table(analysis)
     sound = set(verdicts["component"][verdicts["verdict"] == "nothing found"])
     assert sound == {"stage 1/pinion"}  # the line of the damaged race might be that of "input bearing" with other data
+
+
+def stage(sun: int, planet: int, ring: int) -> hums.Gearbox:
+    """Return a stage of three evenly spaced planets with a bearing of its carrier."""
+    bearing = {"elements": 25, "element_diameter_mm": 5, "pitch_diameter_mm": 54, "contact_angle_deg": 15}
+    return hums.Gearbox.from_mapping(
+        {
+            "name": "stage",
+            "frame": "housing",
+            "reference": "sun",
+            "rigid": [["housing", "ring"]],
+            "axes": {
+                "main": ["housing", "sun", "ring", "carrier"],
+                "planet": {"links": ["carrier", "planet"], "copies": 3},
+            },
+            "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -ring}}],
+            "bearing": [{"names": ["carrier bearing"], "inner_ring": "carrier", "outer_ring": "housing", **bearing}],
+        }
+    )
+
+
+@pytest.mark.parametrize(("teeth", "sides"), [((27, 36, 99), (0,)), ((20, 31, 82), (-1, 2))])
+def test_a_stage_is_judged_where_its_mesh_or_the_passes_next_to_it_show(teeth, sides):
+    t = np.arange(RATE_HZ * SECONDS) / RATE_HZ
+    turns, carrier = turns_at(t, change=0.0), teeth[0] / (teeth[0] + teeth[2])
+    shaft = np.random.default_rng(0).normal(0, 0.5, t.size)
+    shaft += 0.2 * sum(np.cos(2 * np.pi * harmonic * turns) for harmonic in (1, 2, 3))
+    # of three planets, only orders of the carrier that are multiples of three remain
+    mesh = sum(np.cos(2 * np.pi * (teeth[2] + side) * carrier * turns + side) for side in sides)
+    angle = hums.PulseTimes(times_s=pulses().times_s, shaft="sun", pulses_per_rev=1)
+    records = [hums.make_record({"case": x}, rate_hz=RATE_HZ, units="g", angle=angle) for x in (shaft + mesh, shaft)]
+    analyses = [hums.analyze(record, stage(*teeth), settings=SETTINGS) for record in records]
+    assert sound_parts(analyses[0]) > 0
+    assert sound_parts(analyses[1]) == 0
